@@ -1,0 +1,1 @@
+"""The command line: each verb loads, calls one procedure, saves and prints."""

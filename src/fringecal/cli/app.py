@@ -1,0 +1,67 @@
+"""The `fringecal` command: collects the verbs and turns errors into one message and an exit code."""
+
+import importlib
+import sys
+
+import click
+import typer
+
+from fringecal import __version__
+from fringecal.cli.console import complain
+from fringecal.errors import FringecalError
+
+EXIT_PASS, EXIT_ERROR, EXIT_USAGE, EXIT_OUT_OF_TOLERANCE = 0, 1, 2, 3
+
+VERBS = (
+    "demo",
+    "simulate",
+    "check",
+    "targets",
+    "grid",
+    "phase",
+    "commission",
+    "verify",
+    "reconstruct",
+)
+
+
+def build_app() -> typer.Typer:
+    """Assemble the command from one module per verb, each of which has `register(app)`."""
+    app = typer.Typer(
+        name="fringecal",
+        help="Calibration and metrology of fringe-projection rigs.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+
+    @app.callback(invoke_without_command=True)
+    def root(version: bool = typer.Option(False, "--version", help="Print the version and stop.")) -> None:
+        if version:
+            print(f"fringecal {__version__}")
+            raise typer.Exit(EXIT_PASS)
+
+    for verb in VERBS:
+        importlib.import_module(f"fringecal.cli.{verb}").register(app)
+    return app
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance."""
+    try:
+        build_app()(args=arguments, standalone_mode=False)
+    except FringecalError as error:
+        complain(error)
+        code = EXIT_ERROR
+    except click.exceptions.Exit as stop:
+        code = stop.exit_code
+    except click.UsageError as error:
+        error.show()
+        code = EXIT_USAGE
+    except (KeyboardInterrupt, click.Abort):
+        print("interrupted; nothing half-written was kept", file=sys.stderr)
+        code = 130
+    else:
+        code = EXIT_PASS
+    sys.exit(code)

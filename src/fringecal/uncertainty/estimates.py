@@ -1,0 +1,64 @@
+"""An estimate: a value that never travels without its doubt."""
+
+import math
+from dataclasses import dataclass
+
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class Expanded:
+    """An expanded uncertainty `U = k u`, with its coverage factor and coverage probability."""
+
+    U: float
+    k: float
+    coverage: float
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with standard uncertainty, degrees of freedom, unit and label.
+
+    Parameters
+    ----------
+    value, u
+        Best estimate and its standard uncertainty, both in `unit`.
+    unit
+        Unit as text, for example ``"mm/px"`` or ``"deg"``.
+    label
+        What the number is, as it stands in tables and budgets.
+    dof
+        Degrees of freedom of `u`; infinite when `u` is taken as exactly known.
+
+    Examples
+    --------
+    >>> scale = Estimate(0.734, 0.0002, unit="mm/px", label="mean scale", dof=30)
+    >>> print(scale)
+    mean scale = 0.73400 mm/px, u = 0.00020 mm/px, dof 30
+    """
+
+    value: float
+    u: float
+    unit: str = ""
+    label: str = ""
+    dof: float = math.inf
+
+    def expanded(self, coverage: float = 0.95) -> Expanded:
+        """Expand by Student's t for the stated degrees of freedom (JCGM 100:2008, G.3)."""
+        k = float(stats.t.ppf(0.5 + coverage / 2, self.dof)) if math.isfinite(self.dof) else float(
+            stats.norm.ppf(0.5 + coverage / 2)
+        )
+        return Expanded(k * self.u, k, coverage)
+
+    @property
+    def interval_95(self) -> tuple[float, float]:
+        """Bounds of the 95 % coverage interval, symmetric about the value."""
+        half = self.expanded(0.95).U
+        return self.value - half, self.value + half
+
+    def __str__(self) -> str:
+        """Print value and standard uncertainty to two digits of the uncertainty."""
+        digits = max(0, 1 - math.floor(math.log10(self.u))) if self.u > 0 else 6
+        unit = f" {self.unit}" if self.unit else ""
+        dof = "inf" if math.isinf(self.dof) else f"{self.dof:.0f}"
+        return f"{self.label} = {self.value:.{digits}f}{unit}, u = {self.u:.{digits}f}{unit}, dof {dof}"
