@@ -3,7 +3,6 @@
 import importlib
 import sys
 
-import click
 import typer
 
 from fringecal import __version__
@@ -47,21 +46,10 @@ def build_app() -> typer.Typer:
     return app
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> None:
     """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance."""
     try:
-        build_app()(args=arguments, standalone_mode=False)
+        build_app()(args=arguments)
     except FringecalError as error:
         complain(error)
-        code = EXIT_ERROR
-    except click.exceptions.Exit as stop:
-        code = stop.exit_code
-    except click.UsageError as error:
-        error.show()
-        code = EXIT_USAGE
-    except (KeyboardInterrupt, click.Abort):
-        print("interrupted; nothing half-written was kept", file=sys.stderr)
-        code = 130
-    else:
-        code = EXIT_PASS
-    sys.exit(code)
+        sys.exit(EXIT_ERROR)

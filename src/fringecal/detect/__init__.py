@@ -1,0 +1,1 @@
+"""Pixels only: lines, crossings and strips found in a picture, each with its sigma."""

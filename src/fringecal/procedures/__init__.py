@@ -1,0 +1,1 @@
+"""One function per written procedure; each calls the rooms in order."""

@@ -1,0 +1,1 @@
+"""The rig: phase in space, its joint fit and the projection angle."""

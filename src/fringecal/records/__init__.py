@@ -1,0 +1,1 @@
+"""The calibration record and the result files; the only writer of results."""

@@ -1,0 +1,1 @@
+"""The input folder: what was photographed, with which steps, of which target."""

@@ -1,0 +1,1 @@
+"""Artefacts as data: nominal dimensions, standard uncertainties, geometry and printable sheets."""

@@ -1,0 +1,1 @@
+"""Estimates, propagation, Monte Carlo and conformity: what is known, and how well."""

@@ -1,0 +1,1 @@
+"""A measured surface against an artefact of known geometry."""
