@@ -1,0 +1,120 @@
+"""What a report is made of, before anything decides how it looks."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from typing import Literal
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The answer of the whole report: a decision and the sentence that defends it."""
+
+    decision: Decision
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Fact:
+    """One headline number as text, for example ``Fact("Mean scale", "0.7340(2) mm/px")``."""
+
+    name: str
+    value: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table with its caption; numbers stay numbers so that the download keeps every digit.
+
+    Parameters
+    ----------
+    caption
+        What the table shows; also names the file it is downloaded as.
+    frame
+        The rows; column names carry their unit (``"angle / deg"``).
+    header_note
+        Convention that the numbers follow, printed with the caption.
+    formats
+        Format specification by column (``{"angle / deg": ".2f"}``); others get 4 digits.
+    row_header
+        Whether the first column names its row, as it mostly does.
+    """
+
+    caption: str
+    frame: pd.DataFrame
+    header_note: str = ""
+    formats: Mapping[str, str] = field(default_factory=dict)
+    row_header: bool = True
+
+
+@dataclass(frozen=True)
+class FigureItem:
+    """A figure with its caption and what it shows in words, for a reader who cannot see it.
+
+    `encoding` is ``"svg"`` for lines and small maps, ``"png"`` for dense maps and 3-D views.
+    """
+
+    caption: str
+    figure: Figure
+    alt: str
+    encoding: Literal["svg", "png"] = "svg"
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report: plain sentences first, then tables, then figures."""
+
+    title: str
+    sentences: tuple[str, ...] = ()
+    tables: tuple[Table, ...] = ()
+    figures: tuple[FigureItem, ...] = ()
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that the results were computed from, with its hash."""
+
+    capture: str
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """Everything a report says, in the order in which it says it.
+
+    Parameters
+    ----------
+    title, subtitle
+        What was done, and to which rig and when.
+    verdict
+        Decision and sentence; printed first.
+    facts
+        Headline numbers as text.
+    sections
+        The body.
+    inputs
+        Files with hashes.
+    versions
+        Software by name.
+    command
+        Command line that made the report.
+    created
+        Time of writing, with its zone.
+    """
+
+    title: str
+    verdict: Verdict
+    facts: tuple[Fact, ...] = ()
+    sections: tuple[Section, ...] = ()
+    inputs: tuple[InputFile, ...] = ()
+    versions: Mapping[str, str] = field(default_factory=dict)
+    subtitle: str = ""
+    command: str = ""
+    created: datetime | None = None
