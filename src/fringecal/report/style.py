@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -28,7 +29,7 @@ ERROR_MAP = "RdBu_r"
 PHASE_MAP = "twilight"
 MASKED = "#d4d4d8"
 
-RC = {
+RC: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 10.0,
     "axes.titlesize": 11.0,
@@ -37,7 +38,7 @@ RC = {
     "axes.labelcolor": INK,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "axes.prop_cycle": mpl.cycler(color=PALETTE),
+    "axes.prop_cycle": f"cycler('color', {list(PALETTE)})",
     "axes.grid": False,
     "axes.axisbelow": True,
     "grid.color": "#e5e7eb",

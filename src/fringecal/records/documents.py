@@ -1,0 +1,104 @@
+"""Records as JSON documents: read with a reason for every refusal, written whole or not at all."""
+
+import json
+import re
+from pathlib import Path
+from typing import Any, NoReturn
+
+from pydantic import BaseModel, ValidationError
+
+from fringecal.errors import RecordError
+from fringecal.records.files import write_text
+
+_SHOWN_FAULTS = 8
+
+
+def read_document[Record: BaseModel](
+    path: str | Path, model: type[Record], form: str, *, file_name: str
+) -> Record:
+    """Read one record and check it against its model.
+
+    Parameters
+    ----------
+    path
+        The JSON file, or the folder that holds it under `file_name`.
+    model
+        Pydantic model of the record.
+    form
+        Format name and version that the model reads, for example ``"fringecal-calibration/1"``.
+
+    Raises
+    ------
+    RecordError
+        The file is missing, not JSON, of another or a newer format, or does not fit the model.
+    """
+    file = Path(path) / file_name if Path(path).is_dir() else Path(path)
+    document = _load_json(file)
+    _demand_format(file, document.get("format"), form)
+    try:
+        return model.model_validate_json(json.dumps(document), strict=False)
+    except ValidationError as error:
+        raise RecordError(f"{file}: {_faults(error)}") from error
+
+
+def write_document(record: BaseModel, path: str | Path) -> Path:
+    """Write a record as readable JSON in place of what stood at `path`, and return the path.
+
+    Raises
+    ------
+    RecordError
+        The record holds NaN or infinity in a free field, or the file cannot be written.
+    """
+    try:
+        text = to_json(record)
+    except ValueError as error:
+        raise RecordError(f"{path}: the record holds a number that JSON cannot ({error})") from error
+    return write_text(path, text)
+
+
+def to_json(record: BaseModel) -> str:
+    """Print a record as indented JSON with each list of plain numbers on one line."""
+    text = json.dumps(record.model_dump(mode="json"), indent=2, ensure_ascii=False, allow_nan=False)
+    # A raw line break cannot occur inside a JSON string, so only true lists of numbers match.
+    return re.sub(r"\[\n\s+([^\[\]{}\"]*?)\n\s*\]", _on_one_line, text) + "\n"
+
+
+def _on_one_line(match: re.Match[str]) -> str:
+    return "[" + re.sub(r"\s*\n\s*", " ", match.group(1)) + "]"
+
+
+def _load_json(file: Path) -> dict[str, Any]:
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
+    except OSError as error:
+        raise RecordError(
+            f"{file}: cannot be read ({error.strerror or error}); give a record file"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise RecordError(f"{file}: not a JSON document ({error}); it may be cut short or edited") from error
+    if not isinstance(document, dict):
+        raise RecordError(f"{file}: a JSON object was needed, found {type(document).__name__}")
+    return document
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is not a JSON number")
+
+
+def _demand_format(file: Path, found: object, needed: str) -> None:
+    name, version = needed.split("/")
+    match = re.fullmatch(rf"{re.escape(name)}/(\d+)", found) if isinstance(found, str) else None
+    if match is None:
+        raise RecordError(f"{file}: format is {found!r}, needed {needed!r}; this is another kind of file")
+    if int(match[1]) > int(version):
+        raise RecordError(
+            f"{file}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal"
+        )
+    if match[0] != needed:
+        raise RecordError(f"{file}: format {found!r} is unknown, needed {needed!r}")
+
+
+def _faults(error: ValidationError) -> str:
+    faults = [f"{'.'.join(map(str, fault['loc'])) or 'record'}: {fault['msg']}" for fault in error.errors()]
+    more = f"; and {len(faults) - _SHOWN_FAULTS} more" if len(faults) > _SHOWN_FAULTS else ""
+    return "does not fit its format: " + "; ".join(faults[:_SHOWN_FAULTS]) + more

@@ -1,0 +1,156 @@
+"""The small pieces that every record is made of: estimates, budget rows, checks, inputs."""
+
+import math
+from datetime import UTC, datetime
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+
+from fringecal.uncertainty.estimates import Estimate
+
+Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
+
+
+class Part(BaseModel):
+    """Base of all record models: frozen, no unknown keys, and no NaN or infinity anywhere."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+def _infinite_to_null(value: object) -> object:
+    return None if isinstance(value, float) and value == math.inf else value
+
+
+Dof = Annotated[
+    float | None,
+    Field(gt=0, description="degrees of freedom of u; null means infinite: u is taken as exactly known"),
+    BeforeValidator(_infinite_to_null),
+]
+Uncertainty = Annotated[float, Field(ge=0, description="standard uncertainty, in the unit of the value")]
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$", description="SHA-256 of the file, lower-case hex")]
+Matrix = tuple[tuple[float, ...], ...]
+UtcTime = Annotated[AwareDatetime, AfterValidator(lambda time: time.astimezone(UTC))]
+
+
+def now_utc() -> datetime:
+    """Give the time of writing, in UTC and to the second."""
+    return datetime.now(UTC).replace(microsecond=0)
+
+
+class ValueU(Part):
+    """A value with its standard uncertainty; the unit stands in the key that holds it."""
+
+    value: float
+    u: Uncertainty
+
+
+class VectorU(Part):
+    """Several values of one kind with their standard uncertainties; the unit stands in the key."""
+
+    value: tuple[float, ...]
+    u: tuple[Uncertainty, ...]
+
+
+class EstimateRecord(Part):
+    """An estimate as it stands in a record; infinite degrees of freedom are written as null.
+
+    Examples
+    --------
+    >>> EstimateRecord.of(Estimate(50.7, 0.02, unit="deg")).model_dump_json()
+    '{"value":50.7,"u":0.02,"dof":null,"unit":"deg"}'
+    """
+
+    value: float
+    u: Uncertainty
+    dof: Dof = None
+    unit: str
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> Self:
+        """Take over an estimate of the toolkit."""
+        return cls(
+            value=float(estimate.value), u=float(estimate.u), dof=float(estimate.dof), unit=estimate.unit
+        )
+
+    def estimate(self, label: str = "") -> Estimate:
+        """Give the estimate back, with infinite degrees of freedom where the record has null."""
+        dof = math.inf if self.dof is None else self.dof
+        return Estimate(self.value, self.u, unit=self.unit, label=label, dof=dof)
+
+
+class BudgetRow(Part):
+    """One influence of an uncertainty budget.
+
+    `u` is in the influence's own unit, `contribution` = abs(sensitivity) u in the unit of the
+    result, `percent` the share of the result's variance (negative where correlation cancels).
+    """
+
+    label: str
+    u: Uncertainty
+    contribution: float
+    percent: float
+
+
+class Check(Part):
+    """A named check: what was found, what was allowed, and the decision with its rule.
+
+    `value` is null where nothing could be measured and `limit` where none applies; such a
+    check can only inform, so its decision is ``"info"``.
+    """
+
+    name: str
+    value: float | None = None
+    limit: float | None = None
+    decision: Decision
+    u: Uncertainty | None = None
+    unit: str = ""
+    rule: str = ""
+
+
+class InputFile(Part):
+    """A file that the results were computed from."""
+
+    capture: str
+    file: str
+    sha256: Sha256
+
+
+class SessionNote(Part):
+    """Which session the record comes from: the rig's name is the key of its history."""
+
+    rig: str
+    captured: AwareDatetime | None = None
+    operator: str | None = None
+    temperature_degC: float | None = None
+    minutes_since_power_on: float | None = None
+
+
+class Provenance(Part):
+    """What every record says about its own making, so that it can be made again."""
+
+    created: UtcTime = Field(default_factory=now_utc, description="time of writing, UTC")
+    software: dict[str, str] = Field(description="version by package")
+    command: tuple[str, ...] = Field(default=(), description="command line, one argument each")
+    session: SessionNote
+    inputs: tuple[InputFile, ...] = ()
+
+
+def is_covariance(matrix: Matrix, size: int) -> bool:
+    """Tell whether a matrix is `size` x `size`, symmetric and positive semi-definite within rounding.
+
+    Rounding is judged on the correlation matrix, since parameters differ by many decades.
+
+    Examples
+    --------
+    >>> is_covariance(((1e-12, 0.0), (0.0, 4.0)), 2), is_covariance(((1.0, 2.0), (2.0, 1.0)), 2)
+    (True, False)
+    """
+    if len(matrix) != size or any(len(row) != size for row in matrix):
+        return False
+    array = np.array(matrix, dtype=float).reshape(size, size)
+    scale = np.sqrt(np.abs(np.diag(array)))
+    scale[scale == 0] = 1.0
+    correlation = array / np.outer(scale, scale)
+    symmetric = np.allclose(correlation, correlation.T, atol=1e-8)
+    return bool(symmetric and (size == 0 or np.linalg.eigvalsh(correlation).min() > -1e-6))
