@@ -2,7 +2,7 @@
 
 from math import comb
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -20,7 +20,7 @@ from fringecal.records.parts import (
     is_covariance,
 )
 
-CALIBRATION_FORMAT = "fringecal-calibration/1"
+CALIBRATION_FORMAT: Final = "fringecal-calibration/1"
 CALIBRATION_FILE = "calibration.json"
 
 

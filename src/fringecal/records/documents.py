@@ -36,7 +36,7 @@ def read_document[Record: BaseModel](
     document = _load_json(file)
     _demand_format(file, document.get("format"), form)
     try:
-        return model.model_validate_json(json.dumps(document), strict=False)
+        return model.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
         raise RecordError(f"{file}: {_faults(error)}") from error
 

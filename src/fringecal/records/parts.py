@@ -129,6 +129,7 @@ class SessionNote(Part):
 class Provenance(Part):
     """What every record says about its own making, so that it can be made again."""
 
+    format: str
     created: UtcTime = Field(default_factory=now_utc, description="time of writing, UTC")
     software: dict[str, str] = Field(description="version by package")
     command: tuple[str, ...] = Field(default=(), description="command line, one argument each")

@@ -1,14 +1,14 @@
 """The verification record: a measured artefact against its certificate, profile by profile."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.parts import Check, Part, Provenance, Sha256, Uncertainty
 
-VERIFICATION_FORMAT = "fringecal-verification/1"
+VERIFICATION_FORMAT: Final = "fringecal-verification/1"
 VERIFICATION_FILE = "verification.json"
 
 
