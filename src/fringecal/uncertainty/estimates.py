@@ -45,8 +45,10 @@ class Estimate:
 
     def expanded(self, coverage: float = 0.95) -> Expanded:
         """Expand by Student's t for the stated degrees of freedom (JCGM 100:2008, G.3)."""
-        k = float(stats.t.ppf(0.5 + coverage / 2, self.dof)) if math.isfinite(self.dof) else float(
-            stats.norm.ppf(0.5 + coverage / 2)
+        k = (
+            float(stats.t.ppf(0.5 + coverage / 2, self.dof))
+            if math.isfinite(self.dof)
+            else float(stats.norm.ppf(0.5 + coverage / 2))
         )
         return Expanded(k * self.u, k, coverage)
 

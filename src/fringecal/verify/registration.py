@@ -1,0 +1,253 @@
+"""Angle bars found in a measured surface: position and direction, and never a scale."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError
+from fringecal.verify.facets import Facets, fit_facets
+from fringecal.verify.placement import TOLERANCE, place_footprint
+from fringecal.verify.pose import ZigzagPose
+from fringecal.verify.shape import (
+    Floats,
+    Surface,
+    ZigzagShape,
+    ZigzagTarget,
+    edge_distance,
+    ridge_offset,
+    zigzag_height,
+    zigzag_shape,
+)
+
+SEATINGS = ("on-plate", "free")
+_MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
+_WINDOW_RAD = math.radians(12)  # facets this near the target's flank angle count as flanks
+_ANGLE_LIMIT_RAD = math.radians(4)  # a height scale wrong by 10 % turns a 45 deg flank by 2.7 deg
+_MIN_FACETS = 8
+_MIN_INLIERS = 0.7
+
+
+@dataclass(frozen=True)
+class _Points:
+    x: Floats
+    y: Floats
+    z: Floats
+
+    def where(self, chosen: NDArray[np.bool_]) -> "_Points":
+        """Points chosen, thinned evenly to a number that a fit needs."""
+        index = np.flatnonzero(chosen)
+        index = index[:: 1 + index.size // _MAX_PIXELS]
+        return _Points(self.x[index], self.y[index], self.z[index])
+
+
+def register_zigzag(
+    surface: Surface, target: ZigzagTarget | ZigzagShape, *, seating: str = "on-plate"
+) -> ZigzagPose:
+    """Find the bars of a zig-zag target in a measured surface.
+
+    Facets give the direction, the target's period the place across, the plate beside the bars
+    and their ends the count and the place along; a Tukey-weighted fit to the flanks refines.
+    Size and shape are never fitted, so that an error of scale stays in the heights.
+
+    Parameters
+    ----------
+    surface
+        Height map with maps x, y, z in mm and mask, each (H, W).
+    target
+        Zig-zag target, or its `ZigzagShape`.
+    seating
+        "on-plate": the bars stand on z = 0, and a mean error of height stays an error. "free":
+        height and two tilts of the seat are fitted and reported as well.
+
+    Raises
+    ------
+    FitError
+        The surface is no zig-zag, or one of another period, apex or number of bars.
+    """
+    if seating not in SEATINGS:
+        raise ValueError(f"seating {seating!r} is not one of {SEATINGS}")
+    shape = target if isinstance(target, ZigzagShape) else zigzag_shape(target)
+    valid = _usable(surface)
+    points = _Points(*(np.asarray(m, float)[valid] for m in (surface.x, surface.y, surface.z)))
+    facets = fit_facets(surface.x, surface.y, surface.z, valid, block_px=_block_px(surface, valid, shape))
+    rotation, flanks = _direction(facets, shape)
+    _check_apex(flanks, shape)
+    pose = _first_place(_Points(flanks.x, flanks.y, flanks.z), rotation, shape)
+    pose = _refined(pose, _Points(flanks.x, flanks.y, flanks.z), shape)
+    for free in (False, seating == "free"):
+        pose = _placed(pose, points, shape)
+        pose = _refined(pose, points.where(_flank_points(pose, points, shape)), shape, free=free)
+    return _judged(_placed(pose, points, shape), points, shape)
+
+
+def _usable(surface: Surface) -> NDArray[np.bool_]:
+    shapes = {np.shape(m) for m in (surface.x, surface.y, surface.z, surface.mask)}
+    if len(shapes) > 1 or len(next(iter(shapes))) != 2:
+        raise FitError(
+            f"the surface's maps x, y, z and mask differ in shape: {sorted(shapes)}; one is needed"
+        )
+    finite = np.isfinite(surface.x) & np.isfinite(surface.y) & np.isfinite(surface.z)
+    valid = np.asarray(surface.mask, bool) & finite
+    if np.count_nonzero(valid) < 500:
+        raise FitError(
+            f"only {np.count_nonzero(valid)} valid pixels in the surface, at least 500 are needed; "
+            "look at the mask's reasons before registering the bars"
+        )
+    return valid
+
+
+def _block_px(surface: Surface, valid: NDArray[np.bool_], shape: ZigzagShape) -> int:
+    """Side of a facet: a third of a flank, so that some lie wholly on it whatever the direction."""
+    step = np.hypot(np.diff(surface.x, axis=1), np.diff(surface.y, axis=1))[valid[:, 1:] & valid[:, :-1]]
+    pixel_mm = float(np.median(step)) if step.size else shape.base_mm / 36
+    return int(np.clip(round(shape.base_mm / 6 / max(pixel_mm, 1e-9)), 4, 64))
+
+
+def _direction(facets: Facets, shape: ZigzagShape) -> tuple[float, Facets]:
+    """Direction across the ridges by a vote of the flanks' gradients, and the flanks that agree."""
+    flank_angle = math.atan(shape.slope)
+    steep = np.abs(facets.angle_rad - flank_angle) < _WINDOW_RAD
+    steep &= facets.residual < 0.05 * shape.height_mm
+    heading = np.arctan2(facets.q, facets.p)
+    if steep.sum() >= _MIN_FACETS:
+        votes, edges = np.histogram(np.mod(heading[steep], math.pi), bins=60, range=(0, math.pi))
+        votes = votes + np.roll(votes, 1) + np.roll(votes, -1)
+        rotation = float(edges[np.argmax(votes)] + (edges[1] - edges[0]) / 2)
+        agree = steep
+        for window in (math.radians(12), math.radians(6)):
+            agree = steep & (np.abs(_half_turn(heading - rotation)) < window)
+            rotation += float(np.median(_half_turn(heading[agree] - rotation)))
+        if agree.sum() >= max(_MIN_FACETS, 0.4 * steep.sum()):
+            return float(_half_turn(rotation)), facets.where(agree)
+    raise FitError(
+        f"no zig-zag: {int(steep.sum())} of {steep.size} facets have the target's flank angle of "
+        f"{math.degrees(flank_angle):.1f} deg and no direction wins among them{_steepness(facets)}; "
+        "check that the capture shows the bars and that the target states their apex angle"
+    )
+
+
+def _half_turn(angle: NDArray[np.floating] | float) -> NDArray[np.floating] | float:
+    """Angle of an undirected line, in (-pi/2, pi/2]."""
+    return math.pi / 2 - np.mod(math.pi / 2 - angle, math.pi)
+
+
+def _steepness(facets: Facets) -> str:
+    steep = facets.angle_rad[facets.angle_rad > math.radians(10)]
+    if steep.size < _MIN_FACETS:
+        return " (the surface is flat)"
+    return f" (the steep ones stand at {math.degrees(float(np.median(steep))):.1f} deg)"
+
+
+def _check_apex(flanks: Facets, shape: ZigzagShape) -> None:
+    measured = float(np.median(flanks.angle_rad))
+    if abs(measured - math.atan(shape.slope)) > _ANGLE_LIMIT_RAD:
+        raise FitError(
+            f"the flanks stand at {math.degrees(measured):.1f} deg, an apex of "
+            f"{180 - 2 * math.degrees(measured):.1f} deg, where the target states {shape.apex_deg:g} deg; "
+            "check the target's apex angle, then the height calibration"
+        )
+
+
+def _first_place(flanks: _Points, rotation: float, shape: ZigzagShape) -> ZigzagPose:
+    """Place across by trying 72 shifts over one period."""
+    start = ZigzagPose(float(np.median(flanks.x)), float(np.median(flanks.y)), rotation)
+    across = start.across_along(flanks.x, flanks.y)[0]
+    shifts = np.arange(72) / 72 * shape.base_mm
+    misfit = np.abs(flanks.z - zigzag_height(across - shifts[:, None], shape))
+    cost = np.minimum(misfit, 0.3 * shape.height_mm).mean(axis=1)
+    return _shifted(start, across_mm=float(shifts[np.argmin(cost)]))
+
+
+def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0) -> ZigzagPose:
+    c, s = math.cos(pose.rotation_rad), math.sin(pose.rotation_rad)
+    dx, dy = c * across_mm - s * along_mm, s * across_mm + c * along_mm
+    x, y = pose.x_mm + dx, pose.y_mm + dy
+    z = pose.z_mm + pose.tilt_x_rad * dx + pose.tilt_y_rad * dy
+    return replace(pose, x_mm=x, y_mm=y, z_mm=z)
+
+
+def _placed(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
+    some = points.where(np.ones(points.z.size, bool))
+    across, along = pose.across_along(some.x, some.y)
+    place = place_footprint(across, along, some.z - pose.seat_height(some.x, some.y), shape)
+    moved = _shifted(pose, across_mm=place.bars * shape.base_mm, along_mm=place.along_mm)
+    return replace(moved, u_along_mm=place.u_along_mm, bars_seen=place.bars_seen)
+
+
+def _flank_points(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> NDArray[np.bool_]:
+    """Points of the flanks, clear of ridges, valleys and the bars' ends."""
+    across, along = pose.across_along(points.x, points.y)
+    clear = edge_distance(across, shape) > 0.06 * shape.base_mm
+    within = np.abs(along) < 0.48 * shape.length_mm
+    return clear & within & (np.abs(across) < shape.count * shape.base_mm / 2)
+
+
+def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool = False) -> ZigzagPose:
+    """Gauss-Newton with Tukey weights for place across and rotation, and the seat if `free`."""
+    covariance = np.zeros((0, 0))
+    scale = math.inf
+    for _ in range(12):
+        residual, jacobian = _linearised(pose, points, shape, free=free)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * shape.height_mm)
+        weight = np.maximum(1 - (residual / (4.685 * scale)) ** 2, 0.0) ** 2
+        normal = jacobian.T @ (weight[:, None] * jacobian)
+        if np.linalg.cond(normal / np.outer(*[np.sqrt(np.diag(normal))] * 2)) > 1e10:
+            raise FitError("the visible flanks do not fix the bars' position; more of the bars must be lit")
+        step = np.linalg.solve(normal, jacobian.T @ (weight * residual))
+        pose = _stepped(pose, step)
+        covariance = scale**2 * np.linalg.inv(normal)
+        if abs(step[0]) < 1e-7 * shape.base_mm and abs(step[1]) < 1e-9:
+            break
+    names = ("across_mm", "rotation_rad", "z_mm", "tilt_x_rad", "tilt_y_rad")[: len(covariance)]
+    return replace(pose, names=names, covariance=covariance, residual_sd_mm=scale)
+
+
+def _linearised(
+    pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool
+) -> tuple[Floats, Floats]:
+    across, along = pose.across_along(points.x, points.y)
+    residual = points.z - zigzag_height(across, shape) - pose.seat_height(points.x, points.y)
+    slope = -np.sign(ridge_offset(across, shape)) * shape.slope
+    columns = [-slope, slope * along]
+    if free:
+        columns += [np.ones_like(along), points.x - pose.x_mm, points.y - pose.y_mm]
+    return residual, np.stack(columns, axis=1)
+
+
+def _stepped(pose: ZigzagPose, step: Floats) -> ZigzagPose:
+    moved = _shifted(pose, across_mm=float(step[0]))
+    moved = replace(moved, rotation_rad=float(_half_turn(pose.rotation_rad + step[1])))
+    if len(step) == 2:
+        return moved
+    return replace(
+        moved,
+        z_mm=moved.z_mm + float(step[2]),
+        tilt_x_rad=pose.tilt_x_rad + float(step[3]),
+        tilt_y_rad=pose.tilt_y_rad + float(step[4]),
+    )
+
+
+def _judged(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
+    inside = points.where(_flank_points(pose, points, shape))
+    residual = inside.z - pose.reference_height(inside.x, inside.y, shape)
+    share = float(np.mean(np.abs(residual) < TOLERANCE * shape.height_mm))
+    if share < _MIN_INLIERS:
+        raise FitError(
+            f"the surface is not this zig-zag: {100 * share:.0f} % of the flank pixels lie within "
+            f"{100 * TOLERANCE:.0f} % of full height of it, {100 * _MIN_INLIERS:.0f} % are needed"
+            f"{_period_hint(pose, inside, shape)}"
+        )
+    return replace(pose, inlier_share=share)
+
+
+def _period_hint(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> str:
+    across = pose.across_along(points.x, points.y)[0]
+    periods = shape.base_mm * np.linspace(0.6, 1.6, 201)
+    level = points.z - points.z.mean()
+    power = [abs(np.mean(level * np.exp(2j * np.pi * across / p))) for p in periods]
+    found = float(periods[int(np.argmax(power))])
+    if abs(found - shape.base_mm) < 0.03 * shape.base_mm:
+        return "; look for regions of wrong fringe order, or a bar that is not of this kind"
+    return f"; it repeats every {found:.1f} mm where the target repeats every {shape.base_mm:.1f} mm"
