@@ -1,0 +1,309 @@
+"""The twelve kinds of target, format 1: frozen values that refuse to contradict themselves.
+
+Common to all: lengths in mm, angles in degrees; `width_mm` runs along x (across strips, ridges and
+steps), `length_mm` along y, heights along z from the plate. What the numbers mean in space is in
+`fringecal.targets.geometry`.
+"""
+
+import math
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationInfo, field_validator
+
+from fringecal.targets.aruco import check_dictionary
+from fringecal.targets.quantity import HOW_TO_STATE, Positive, Positives, Quantity, Scalar
+
+Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, strict=True)]
+Count = Annotated[int, Field(strict=True, ge=1)]
+AtLeastTwo = Annotated[int, Field(strict=True, ge=2)]
+
+
+class Artefact(BaseModel):
+    """What every target states: a name and where its numbers come from."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    format: Literal[1] = 1
+    name: Text
+    certificate: Text
+
+
+def _must_be_below(smaller: Quantity, larger: Quantity | None, what: str) -> None:
+    """Refuse a dimension that does not fit into another; a missing other has its own fault."""
+    if larger is not None and max(smaller.values) >= min(larger.values):
+        raise ValueError(f"{max(smaller.values):g} must be smaller than {what} {min(larger.values):g}")
+
+
+def _one_per(quantity: Quantity, count: int | None, items: str) -> None:
+    """Refuse a list whose length is not the count of items; one number stands for all."""
+    found = len(quantity.values)
+    if count is not None and found not in (1, count):
+        raise ValueError(f"{found} values for {count} {items}; give one value or {count}")
+
+
+class LineGrid(Artefact):
+    """Straight lines at one pitch in two directions: grid paper, millimetre paper, ruled glass.
+
+    `lines` counts the vertical and the horizontal lines; leave it out where the picture shows a part.
+    Every `heavy_every`-th line is heavier, `heavy_width_mm` wide.
+    """
+
+    kind: Literal["line-grid"] = "line-grid"
+    pitch_mm: Positive
+    line_width_mm: Positive | None = None
+    polarity: Literal["dark", "light"] = "dark"
+    lines: tuple[AtLeastTwo, AtLeastTwo] | None = None
+    heavy_every: AtLeastTwo | None = None
+    heavy_width_mm: Positive | None = None
+
+    @field_validator("line_width_mm", "heavy_width_mm")
+    @classmethod
+    def _width_below_pitch(cls, width: Scalar | None, info: ValidationInfo) -> Scalar | None:
+        if width is not None:
+            _must_be_below(width, info.data.get("pitch_mm"), "pitch_mm")
+        return width
+
+    @field_validator("heavy_width_mm")
+    @classmethod
+    def _heavy_has_period(cls, width: Scalar | None, info: ValidationInfo) -> Scalar | None:
+        if width is not None and "heavy_every" in info.data and info.data["heavy_every"] is None:
+            raise ValueError(
+                "heavy_width_mm without heavy_every; say which lines are heavy, or leave both out"
+            )
+        return width
+
+
+class Chessboard(Artefact):
+    """A chessboard, counted by its inner corners: 9 x 6 corners are 10 x 7 squares."""
+
+    kind: Literal["chessboard"] = "chessboard"
+    columns: AtLeastTwo
+    rows: AtLeastTwo
+    square_mm: Positive
+
+
+class Charuco(Artefact):
+    """A chessboard with ArUco markers in its white squares; `squares` counts columns and rows of squares."""
+
+    kind: Literal["charuco"] = "charuco"
+    squares: tuple[AtLeastTwo, AtLeastTwo]
+    square_mm: Positive
+    marker_mm: Positive
+    dictionary: Text
+
+    @field_validator("marker_mm")
+    @classmethod
+    def _marker_in_square(cls, marker: Scalar, info: ValidationInfo) -> Scalar:
+        _must_be_below(marker, info.data.get("square_mm"), "square_mm")
+        return marker
+
+    @field_validator("dictionary")
+    @classmethod
+    def _dictionary_is_known(cls, dictionary: str, info: ValidationInfo) -> str:
+        columns, rows = info.data.get("squares", (0, 0))
+        check_dictionary(dictionary, columns * rows // 2)
+        return dictionary
+
+
+class Dots(Artefact):
+    """Round dots, `columns` in each of `rows` rows.
+
+    Symmetric: `pitch_mm` is the spacing both ways. Asymmetric, as OpenCV counts it: rows are one
+    pitch apart, dots within a row two, and every second row is moved by one pitch.
+    """
+
+    kind: Literal["dots"] = "dots"
+    columns: AtLeastTwo
+    rows: AtLeastTwo
+    pitch_mm: Positive
+    asymmetric: bool = False
+    diameter_mm: Positive
+
+    @field_validator("diameter_mm")
+    @classmethod
+    def _dots_apart(cls, diameter: Scalar, info: ValidationInfo) -> Scalar:
+        pitch = info.data.get("pitch_mm")
+        nearest = math.sqrt(2) if info.data.get("asymmetric") else 1.0
+        if pitch is not None and diameter.value >= nearest * pitch.value:
+            raise ValueError(
+                f"dots of {diameter.value:g} overlap at {nearest * pitch.value:g} between centres"
+            )
+        return diameter
+
+
+class Flat(Artefact):
+    """A flat: the reference plate, or a plate whose top lies `height_mm` above it.
+
+    `flatness_mm` is the largest distance of the surface from its best plane, 0 where only its
+    uncertainty is known. Without a size the flat fills the picture.
+    """
+
+    kind: Literal["flat"] = "flat"
+    flatness_mm: Scalar
+    width_mm: Positive | None = None
+    length_mm: Positive | None = None
+    height_mm: Positive | None = None
+
+    @field_validator("flatness_mm")
+    @classmethod
+    def _not_negative(cls, flatness: Scalar) -> Scalar:
+        if flatness.value < 0:
+            raise ValueError(f"flatness cannot be negative, found {flatness.value:g}")
+        return flatness
+
+
+class Strips(Artefact):
+    """Parallel strips of known height on the plate, from low x to high x."""
+
+    kind: Literal["strips"] = "strips"
+    count: Count
+    width_mm: Positives
+    gap_mm: Positives | None = Field(default=None, validate_default=True)
+    height_mm: Positives
+    length_mm: Positives
+
+    @field_validator("width_mm", "height_mm", "length_mm")
+    @classmethod
+    def _per_strip(cls, quantity: Quantity, info: ValidationInfo) -> Quantity:
+        _one_per(quantity, info.data.get("count"), "strips")
+        return quantity
+
+    @field_validator("gap_mm")
+    @classmethod
+    def _between_strips(cls, gap: Quantity | None, info: ValidationInfo) -> Quantity | None:
+        count = info.data.get("count", 1)
+        if gap is None and count > 1:
+            raise ValueError(f"is missing; {count} strips have {count - 1} gaps. {HOW_TO_STATE}")
+        if gap is not None and count > 1:
+            _one_per(gap, count - 1, "gaps")
+        return gap
+
+
+class Zigzag(Artefact):
+    """Equal angle bars side by side, feet touching: two legs of `leg_mm` meet at `apex_deg` on each ridge."""
+
+    kind: Literal["zigzag"] = "zigzag"
+    count: Count
+    leg_mm: Positive
+    apex_deg: Positive
+    length_mm: Positive
+    ridge_radius_mm: Positive | None = None
+
+    @field_validator("apex_deg")
+    @classmethod
+    def _apex_below_flat(cls, apex: Scalar) -> Scalar:
+        if apex.value >= 180:
+            raise ValueError(f"the angle between the legs must be below 180, found {apex.value:g}")
+        return apex
+
+    @field_validator("ridge_radius_mm")
+    @classmethod
+    def _radius_leaves_flanks(cls, radius: Scalar | None, info: ValidationInfo) -> Scalar | None:
+        leg, apex = info.data.get("leg_mm"), info.data.get("apex_deg")
+        if radius is None or leg is None or apex is None:
+            return radius
+        largest_mm = leg.value * math.tan(math.radians(apex.value) / 2)
+        if radius.value >= largest_mm:
+            raise ValueError(
+                f"a radius of {radius.value:g} leaves no flank; it must be below {largest_mm:.4g}"
+            )
+        return radius
+
+
+class Steps(Artefact):
+    """A block of adjoining steps from low x to high x, each `width_mm` wide, heights from the plate."""
+
+    kind: Literal["steps"] = "steps"
+    heights_mm: Positives
+    width_mm: Positives
+    length_mm: Positive
+
+    @field_validator("width_mm")
+    @classmethod
+    def _per_step(cls, width: Quantity, info: ValidationInfo) -> Quantity:
+        heights = info.data.get("heights_mm")
+        _one_per(width, len(heights.values) if heights is not None else None, "steps")
+        return width
+
+
+class Wedge(Artefact):
+    """A wedge that rises along x from the plate at `angle_deg` over `width_mm`."""
+
+    kind: Literal["wedge"] = "wedge"
+    angle_deg: Positive
+    width_mm: Positive
+    length_mm: Positive
+
+    @field_validator("angle_deg")
+    @classmethod
+    def _below_upright(cls, angle: Scalar) -> Scalar:
+        if angle.value >= 90:
+            raise ValueError(f"the slope must be below 90, found {angle.value:g}")
+        return angle
+
+
+class Box(Artefact):
+    """A rectangular block on the plate."""
+
+    kind: Literal["box"] = "box"
+    width_mm: Positive
+    length_mm: Positive
+    height_mm: Positive
+
+
+class Sphere(Artefact):
+    """A sphere that touches the plate."""
+
+    kind: Literal["sphere"] = "sphere"
+    diameter_mm: Positive
+
+
+class BallBar(Artefact):
+    """Two spheres that touch the plate, side by side in x, with `spacing_mm` between their centres."""
+
+    kind: Literal["ball-bar"] = "ball-bar"
+    diameters_mm: Positives
+    spacing_mm: Positive
+
+    @field_validator("diameters_mm")
+    @classmethod
+    def _two_balls(cls, diameters: Quantity) -> Quantity:
+        _one_per(diameters, 2, "balls")
+        return diameters
+
+    @field_validator("spacing_mm")
+    @classmethod
+    def _balls_apart(cls, spacing: Scalar, info: ValidationInfo) -> Scalar:
+        diameters = info.data.get("diameters_mm")
+        if diameters is None:
+            return spacing
+        sum_of_radii = float(diameters.array(2).mean())
+        if spacing.value < sum_of_radii:
+            raise ValueError(
+                f"balls overlap: {spacing.value:g} between centres, radii sum to {sum_of_radii:g}"
+            )
+        return spacing
+
+
+Target = Annotated[
+    LineGrid | Chessboard | Charuco | Dots | Flat | Strips | Zigzag | Steps | Wedge | Box | Sphere | BallBar,
+    Field(discriminator="kind"),
+]
+
+KINDS: dict[str, type[Artefact]] = {
+    kind.model_fields["kind"].default: kind
+    for kind in (
+        LineGrid,
+        Chessboard,
+        Charuco,
+        Dots,
+        Flat,
+        Strips,
+        Zigzag,
+        Steps,
+        Wedge,
+        Box,
+        Sphere,
+        BallBar,
+    )
+}
