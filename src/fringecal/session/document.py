@@ -5,7 +5,7 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
-from fringecal.session.quantity import Quantity
+from fringecal.targets import Quantity
 
 FILE_NAME = "session.toml"
 

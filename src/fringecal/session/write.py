@@ -82,11 +82,15 @@ def _as_read(value: Any) -> Any:
 
 
 def _content_faults(frames: Mapping[str, np.ndarray], extra_files: Mapping[str, bytes]) -> list[str]:
-    faults = [f"{name}: leaves the session folder; give a relative name" for name in (*frames, *extra_files)
-              if not is_inside(name)]  # fmt: skip
+    faults = [
+        f"{name}: leaves the session folder; give a relative name"
+        for name in (*frames, *extra_files)
+        if not is_inside(name)
+    ]
     faults += [f"{name}: would be written twice" for name in frames if name in extra_files]
-    faults += [f"{FILE_NAME}: is made from the document; do not pass it" for name in extra_files
-               if name == FILE_NAME]  # fmt: skip
+    faults += [
+        f"{FILE_NAME}: is made from the document; do not pass it" for name in extra_files if name == FILE_NAME
+    ]
     for name, frame in frames.items():
         if not name.lower().endswith(".png"):
             faults.append(f"{name}: frames are written as PNG; end the name in .png")

@@ -1,0 +1,69 @@
+"""`fringecal check`: is this folder a session, and if not, everything that is wrong with it."""
+
+from pathlib import Path
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from fringecal.cli.console import complain, console, print_json
+from fringecal.errors import SessionError
+from fringecal.session import Session, SessionCheck, check_report, check_session
+
+EXIT_ERROR = 1
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="check", help=HELP)(check)
+
+
+HELP = """Check a session folder and list every fault in it, each with what to do.
+
+Exit code 0 if the session may be used, 1 if not.
+
+Example: fringecal check bench/2026-11-22 --json
+"""
+
+
+def check(
+    session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-check/1)."),
+) -> None:
+    """Load, check, print."""
+    outcome = check_session(session)
+    if as_json:
+        print_json(check_report(outcome).model_dump(mode="json"))
+    else:
+        show(outcome)
+    if outcome.session is None:
+        raise typer.Exit(EXIT_ERROR)
+
+
+def show(outcome: SessionCheck) -> None:
+    """Print what was found, for people."""
+    if outcome.session is not None:
+        console.print(_table(outcome.session))
+    for note in outcome.notes:
+        console.print(f"note: {note}", markup=False, soft_wrap=True, highlight=False)
+    if outcome.session is None:
+        complain(SessionError([str(fault) for fault in outcome.faults]))
+
+
+def _table(session: Session) -> Table:
+    table = Table(title=escape(f"{session.folder}: rig {session.rig}, {session.captured.isoformat()}"))
+    for heading in ("capture", "kind", "target", "images", "size px", "bits", "white", "sha256 of the first"):
+        table.add_column(heading, justify="right" if heading in ("images", "bits", "white") else "left")
+    for capture in session.captures.values():
+        height, width = capture.shape
+        table.add_row(
+            escape(capture.name),
+            capture.kind,
+            capture.target.kind if capture.target else "-",
+            str(len(capture.paths) + len(capture.gray_paths)),
+            f"{width} x {height}",
+            str(capture.bits),
+            str(capture.white_level),
+            capture.sha256[0][:12],
+        )
+    return table

@@ -1,0 +1,77 @@
+"""From a checked document and its files to a session."""
+
+import hashlib
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+
+from fringecal.session.document import FILE_NAME, SessionDocument
+from fringecal.session.draft import Draft
+from fringecal.session.session import CameraKnown, Capture, ProjectorKnown, Session
+
+
+def assemble(
+    folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]
+) -> Session:
+    """Build the session of a folder in which no fault was found."""
+    captures = [
+        _capture(draft, white, document.camera.channel)
+        for draft, white in zip(drafts, white_levels, strict=True)
+    ]
+    return Session(
+        folder=folder,
+        rig=document.rig,
+        captured=document.captured,
+        camera=_camera(folder, document),
+        projector=ProjectorKnown(document.projector.position_mm) if document.projector else None,
+        steps_rad=_radians(document.phase.steps_deg if document.phase else ()),
+        captures={capture.name: capture for capture in captures},
+        inputs=dict(_inputs(folder, document, drafts)),
+        operator=document.operator,
+        temperature_degC=document.temperature_degC,
+        minutes_since_power_on=document.minutes_since_power_on,
+    )
+
+
+def _camera(folder: Path, document: SessionDocument) -> CameraKnown:
+    camera = document.camera
+    model = folder / camera.model if camera.model else None
+    return CameraKnown(model=model, height_mm=camera.height_mm, telecentric=camera.telecentric)
+
+
+def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
+    table, first = draft.table, draft.frames[0]
+    return Capture(
+        name=table.name,
+        kind=table.kind,
+        target=draft.target,
+        paths=draft.files,
+        sha256=_hashes(draft, draft.files),
+        steps_rad=_radians(draft.steps_deg or ()),
+        shape=(first.height_px, first.width_px),
+        bits=first.bits,
+        white_level=white_level,
+        repeat=table.repeat,
+        periods=tuple(table.periods or ()),
+        gray_paths=draft.gray_files,
+        gray_sha256=_hashes(draft, draft.gray_files),
+        channel=table.channel or channel,
+    )
+
+
+def _hashes(draft: Draft, files: Iterable[Path]) -> tuple[str, ...]:
+    return tuple(draft.facts[path].sha256 for path in files)
+
+
+def _inputs(folder: Path, document: SessionDocument, drafts: Sequence[Draft]) -> Iterator[tuple[str, str]]:
+    stated = [FILE_NAME, document.camera.model, *(draft.table.target for draft in drafts)]
+    for name in dict.fromkeys(name for name in stated if name is not None):
+        if (folder / name).is_file():  # a shipped target is known by its name and is no file here
+            yield name, hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    for draft in drafts:
+        for path in (*draft.files, *draft.gray_files):
+            yield path.relative_to(folder).as_posix(), draft.facts[path].sha256
+
+
+def _radians(steps_deg: Iterable[float]) -> tuple[float, ...]:
+    return tuple(math.radians(step) for step in steps_deg)

@@ -1,0 +1,132 @@
+"""A capture under examination: its files found and decoded once, its target read, what fails noted."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from fringecal.errors import TargetError
+from fringecal.session.document import CaptureTable
+from fringecal.session.faults import Fault, PictureError
+from fringecal.session.frames import FrameFacts, examine, expand
+from fringecal.session.parse import Parsed
+from fringecal.targets import Target, load_target
+
+PICTURE_KINDS = frozenset({"grid", "board"})
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A capture under examination.
+
+    Parameters
+    ----------
+    label
+        How messages name it.
+    table
+        What the document says of it.
+    broken
+        Keys of the table that hold stand-ins; rules that depend on them say nothing.
+    steps_deg
+        Steps that apply to it; None where none are known.
+    files, gray_files
+        Files found.
+    facts
+        What is known of the files that could be read, by path.
+    target
+        The target, if one is named and could be read.
+    faults
+        What could not be found or read.
+    """
+
+    label: str
+    table: CaptureTable
+    broken: frozenset[str]
+    steps_deg: tuple[float, ...] | None
+    files: tuple[Path, ...]
+    gray_files: tuple[Path, ...]
+    facts: dict[Path, FrameFacts]
+    target: Target | None
+    faults: tuple[Fault, ...]
+
+    @property
+    def has_all_files(self) -> bool:
+        """Whether every entry of `images` named at least one file."""
+        return not any(fault.where == f"{self.label}: images" for fault in self.faults)
+
+    @property
+    def frames(self) -> list[FrameFacts]:
+        """Facts of the readable images, each file once."""
+        return [self.facts[path] for path in dict.fromkeys(self.files) if path in self.facts]
+
+    @property
+    def all_frames(self) -> list[FrameFacts]:
+        """Facts of the readable images and Gray-code pictures, each file once."""
+        files = dict.fromkeys((*self.files, *self.gray_files))
+        return [self.facts[path] for path in files if path in self.facts]
+
+
+def draft_capture(
+    folder: Path, parsed: Parsed, index: int, examined: dict[Path, FrameFacts | Fault]
+) -> Draft:
+    """Find and read everything that one capture names.
+
+    Parameters
+    ----------
+    folder, parsed
+        The session folder and its document.
+    index
+        Which capture of the document.
+    examined
+        Files that other captures have read; what this one reads is added.
+    """
+    table = parsed.sound_document.capture[index]
+    broken = parsed.broken_keys(index)
+    label = f"capture {index + 1}" if "name" in broken else f'capture "{table.name}"'
+    files, faults = expand(folder, table.images, f"{label}: images")
+    gray_files, gray_faults = expand(folder, table.gray or [], f"{label}: gray")
+    found = [_examined(folder, path, label, examined) for path in dict.fromkeys((*files, *gray_files))]
+    target, target_faults = _target(folder, table, label)
+    return Draft(
+        label=label,
+        table=table,
+        broken=broken,
+        steps_deg=_steps_deg(parsed, table, broken),
+        files=tuple(files),
+        gray_files=tuple(gray_files),
+        facts={facts.path: facts for facts in found if isinstance(facts, FrameFacts)},
+        target=target,
+        faults=(*faults, *gray_faults, *(f for f in found if isinstance(f, Fault)), *target_faults),
+    )
+
+
+def _examined(
+    folder: Path, path: Path, label: str, examined: dict[Path, FrameFacts | Fault]
+) -> FrameFacts | Fault:
+    if path not in examined:
+        try:
+            examined[path] = examine(path)
+        except PictureError as error:
+            where = f"{label}: {path.relative_to(folder).as_posix()}"
+            examined[path] = Fault(where, error.found, error.remedy)
+    return examined[path]
+
+
+def _target(folder: Path, table: CaptureTable, label: str) -> tuple[Target | None, list[Fault]]:
+    if table.target is None:
+        return None, []
+    try:
+        return load_target(table.target, folder=folder), []
+    except TargetError as error:
+        # A target's message has its remedies in it, one line per fault; here it is one sentence.
+        found = "; ".join(line.removeprefix("  - ") for line in str(error).splitlines())
+        return None, [Fault(f"{label}: target", found, "correct the target or name another")]
+
+
+def _steps_deg(parsed: Parsed, table: CaptureTable, broken: frozenset[str]) -> tuple[float, ...] | None:
+    if table.steps_deg is not None:
+        return tuple(table.steps_deg)
+    if broken & {"steps_deg", "kind"}:
+        return None
+    if table.kind in PICTURE_KINDS:
+        return ()
+    phase = parsed.sound_document.phase
+    return tuple(phase.steps_deg) if phase is not None else None

@@ -1,0 +1,152 @@
+"""Find the files of a capture and learn of each what the checks need, without keeping its pixels."""
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fringecal.session.containers import Container
+from fringecal.session.document import is_inside
+from fringecal.session.faults import Fault, PictureError, nearest
+from fringecal.session.picture import decode
+
+_GLOB_CHARACTERS = re.compile(r"[*?\[]")
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """What is known of one picture file after it has been decoded once.
+
+    Parameters
+    ----------
+    path, sha256
+        The file and the hash of its bytes.
+    height_px, width_px, bits
+        Size, and bits of the container (8 or 16).
+    is_colour
+        Whether red, green and blue differ.
+    pixel_digest
+        Hash of the decoded pixels: equal for one picture saved twice in different ways.
+    peak, peak_share
+        Largest value, and the share of pixels that have it.
+    bright
+        Value that 99.5 % of the pixels do not exceed.
+    used_bits
+        Bitwise or of all values: which bits the camera uses.
+    container
+        What the file says of itself.
+    """
+
+    path: Path
+    sha256: str
+    height_px: int
+    width_px: int
+    bits: int
+    is_colour: bool
+    pixel_digest: str
+    peak: int
+    peak_share: float
+    bright: int
+    used_bits: int
+    container: Container
+
+    def saturated_share(self, white_level: int) -> float:
+        """Share of pixels at the white level, 0..1."""
+        return self.peak_share if self.peak >= white_level else 0.0
+
+
+def natural_key(name: str) -> list[tuple[int, str]]:
+    """Sort key by which ``f-2`` comes before ``f-10``.
+
+    Examples
+    --------
+    >>> sorted(["f-10.png", "f-2.png"], key=natural_key)
+    ['f-2.png', 'f-10.png']
+    """
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in re.split(r"(\d+)", name)]
+
+
+def expand(folder: Path, entries: Sequence[str], where: str) -> tuple[list[Path], list[Fault]]:
+    """Turn the names and globs of a capture into files, each glob naturally sorted."""
+    paths: list[Path] = []
+    faults: list[Fault] = []
+    for entry in entries:
+        found, fault = _expand_one(folder, entry, where)
+        paths += found
+        if fault is not None:
+            faults.append(fault)
+    return paths, faults
+
+
+def _expand_one(folder: Path, entry: str, where: str) -> tuple[list[Path], Fault | None]:
+    if not is_inside(entry) or "\0" in entry:
+        return [], Fault(
+            where, f'"{entry}" is outside the session folder', "copy it in and name it relative to the folder"
+        )
+    path = folder / entry
+    if path.is_file():
+        return [path], None
+    if path.is_dir():
+        return [], Fault(where, f'"{entry}" is a folder', f'list its files, for example "{entry}/*.png"')
+    if not _GLOB_CHARACTERS.search(entry):
+        return [], Fault(where, f'"{entry}" is not there', _missing_remedy(folder, entry))
+    found = sorted((p for p in _glob(folder, entry) if p.is_file()), key=lambda p: natural_key(str(p)))
+    if found:
+        return found, None
+    return [], Fault(where, f'no file matches "{entry}"', "correct the pattern or add the files")
+
+
+def _glob(folder: Path, pattern: str) -> list[Path]:
+    try:
+        return list(folder.glob(pattern))
+    except (ValueError, NotImplementedError):  # such as "a**": a pattern that matches nothing by its form
+        return []
+
+
+def _missing_remedy(folder: Path, entry: str) -> str:
+    parent = (folder / entry).parent
+    names = [p.name for p in parent.iterdir()] if parent.is_dir() else []
+    close = nearest(Path(entry).name, names)
+    return f'did you mean "{close}"?' if close else "add the file or correct the name"
+
+
+def examine(path: Path) -> FrameFacts:
+    """Read and decode one file.
+
+    Raises
+    ------
+    PictureError
+        If it cannot be read or trusted.
+    """
+    data = read_bytes(path)
+    picture = decode(data)
+    pixels = np.ascontiguousarray(picture.pixels)
+    peak = int(pixels.max())
+    n_bright = int(0.995 * (pixels.size - 1))
+    return FrameFacts(
+        path=path,
+        sha256=hashlib.sha256(data).hexdigest(),
+        height_px=pixels.shape[0],
+        width_px=pixels.shape[1],
+        bits=picture.bits,
+        is_colour=picture.is_colour,
+        pixel_digest=f"{pixels.dtype}{pixels.shape}{hashlib.sha256(pixels.data).hexdigest()}",
+        peak=peak,
+        peak_share=float(np.count_nonzero(pixels == peak) / pixels.size),
+        bright=int(np.partition(pixels, n_bright, axis=None)[n_bright]),
+        used_bits=int(np.bitwise_or.reduce(pixels, axis=None)),
+        container=picture.container,
+    )
+
+
+def read_bytes(path: Path) -> bytes:
+    """Read a file, or say why it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise PictureError(
+            f"cannot be read ({error.strerror})", "see that it is there and may be read"
+        ) from error

@@ -1,0 +1,232 @@
+"""Read `session.toml` into its document, salvaging what is right so that one check finds every fault."""
+
+import copy
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from fringecal.session.document import (
+    FILE_NAME,
+    CameraTable,
+    CaptureTable,
+    PhaseTable,
+    ProjectorTable,
+    SessionDocument,
+)
+from fringecal.session.faults import Fault, hint, nearest
+from fringecal.targets.quantity import Quantity
+
+Loc = tuple[int | str, ...]
+
+_TABLES: dict[tuple[str, ...], type[BaseModel]] = {
+    (): SessionDocument,
+    ("camera",): CameraTable,
+    ("projector",): ProjectorTable,
+    ("phase",): PhaseTable,
+    ("capture",): CaptureTable,
+    ("camera", "height_mm"): Quantity,
+    ("projector", "position_mm"): Quantity,
+}
+
+# Stand-ins for what is missing or wrong, so that the rest can still be checked; never returned as data.
+_STAND_INS: dict[str, Any] = {
+    "format": 1,
+    "rig": "unknown",
+    "captured": datetime(1970, 1, 1, tzinfo=UTC),
+    "capture": [{"name": "unknown", "kind": "object", "images": []}],
+    "kind": "object",
+    "images": [],
+}
+
+_NEEDED = {
+    "format": "write format = 1",
+    "rig": 'name the rig, for example rig = "bench-1"',
+    "captured": "write a date with time and zone, without quotes: captured = 2026-11-22T10:00:00Z",
+    "capture": "describe at least one [[capture]] with name, kind and images",
+    "name": 'give each capture a name, for example name = "strips"',
+    "kind": "write one of grid, board, reference, strips, artefact, object",
+    "images": 'list the files, for example images = ["strips-*.png"]',
+    "target": 'write the name of a target or a path to one, for example target = "grid-10mm"',
+    "steps_deg": "list the phase steps in degrees in file order, for example [0.0, 120.0, 240.0]",
+    "position_mm": "write position_mm = { value = [x, y, z], u = [ux, uy, uz] }",
+    "height_mm": "write height_mm = { value = 1500.0, u = 5.0 }",
+    "bits": "write the camera's true bits per pixel, 8 to 16",
+    "channel": 'write one of "mean", "red", "green", "blue", "luma"',
+    "repeat": "write how often the whole set was taken, 1 or more",
+    "periods": "list the fringe periods in file order, all greater than zero",
+    "value": "write a finite number, or a list of them",
+    "u": "state the standard uncertainty, zero or more",
+}
+
+
+@dataclass(frozen=True)
+class Parsed:
+    """A document with what was wrong in it.
+
+    Parameters
+    ----------
+    document
+        None if nothing could be read; else its right parts, with stand-ins for the broken ones.
+    broken
+        Places that hold stand-ins: checks that depend on them say nothing.
+    faults
+        Everything that was wrong.
+    """
+
+    document: SessionDocument | None
+    broken: frozenset[Loc] = frozenset()
+    faults: tuple[Fault, ...] = field(default=())
+
+    @property
+    def sound_document(self) -> SessionDocument:
+        """The document, once it is known that there is one."""
+        assert self.document is not None
+        return self.document
+
+    def is_sound(self, table: str) -> bool:
+        """Whether all of a table is what the file says."""
+        return not any(place[0] == table for place in self.broken)
+
+    def broken_keys(self, index: int) -> frozenset[str]:
+        """Keys of one capture that hold stand-ins; all of them where the capture is no table."""
+        places = [place for place in self.broken if place[:2] == ("capture", index)]
+        if any(len(place) == 2 for place in places) or ("capture",) in self.broken:
+            return frozenset(CaptureTable.model_fields)
+        return frozenset(str(place[2]) for place in places)
+
+
+def parse_folder(folder: Path) -> Parsed:
+    """Read `session.toml` in a folder; never raises."""
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "is not there"
+        return _refused(str(folder), what, "give the folder that holds session.toml")
+    path = folder / FILE_NAME
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        return _refused(str(folder), f"no {FILE_NAME} in the folder", "write one; docs show the format")
+    except UnicodeDecodeError as error:
+        return _refused(FILE_NAME, f"not UTF-8 text (byte {error.start})", "save it as UTF-8")
+    except OSError as error:
+        return _refused(FILE_NAME, f"cannot be read ({error.strerror})", "see its permissions")
+    return parse_text(text)
+
+
+def parse_text(text: str) -> Parsed:
+    """Read the text of a `session.toml`; never raises."""
+    if not text.strip():
+        return _refused(FILE_NAME, "empty", "describe the session in it; docs show the format")
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return _refused(FILE_NAME, f"not valid TOML: {error}", "correct the line named")
+    return _salvaged(table)
+
+
+def _refused(where: str, found: str, remedy: str) -> Parsed:
+    return Parsed(None, faults=(Fault(where, found, remedy),))
+
+
+def _salvaged(table: dict[str, Any]) -> Parsed:
+    """Validate; put stand-ins where it fails and validate again, until what is left is right."""
+    faults: list[Fault] = []
+    broken: set[Loc] = set()
+    table = copy.deepcopy(table)
+    # Each round repairs at least one place; a place repaired before and wrong again cannot be helped.
+    while True:
+        try:
+            return Parsed(SessionDocument.model_validate(table), frozenset(broken), tuple(faults))
+        except ValidationError as error:
+            errors = error.errors()
+        places = {_place(tuple(e["loc"])) for e in errors} - broken
+        faults += _described(errors, table)
+        if not places:
+            return Parsed(None, frozenset(broken), tuple(dict.fromkeys(faults)))
+        for place in sorted(places, key=lambda p: [str(part) for part in p]):
+            _stand_in(table, place)
+        broken |= places
+
+
+def _place(loc: Loc) -> Loc:
+    """Cut a location to what is replaced as one: a key of the top, of a table, or of one capture."""
+    return loc[:3] if loc[0] == "capture" else loc[:2]
+
+
+def _stand_in(table: dict[str, Any], place: Loc) -> None:
+    parent: Any = table
+    for part in place[:-1]:
+        parent = parent[part]
+    key = place[-1]
+    if isinstance(key, int):
+        parent[key] = {"name": f"#{key + 1}", "kind": "object", "images": []}
+    elif key == "name":
+        parent[key] = f"#{place[-2] + 1}" if isinstance(place[-2], int) else "unknown"
+    elif key in _STAND_INS:
+        parent[key] = copy.deepcopy(_STAND_INS[key])
+    elif isinstance(parent, dict):
+        _drop(table, parent, place)
+
+
+def _drop(table: dict[str, Any], parent: dict[str, Any], place: Loc) -> None:
+    """Leave an optional key out; an error of a whole table (no key) drops the table."""
+    parent.pop(str(place[-1]), None)
+    if place[0] in ("projector", "phase") and len(place) == 2:
+        table.pop(str(place[0]), None)
+
+
+def _described(errors: list[Any], table: Mapping[str, Any]) -> list[Fault]:
+    guesses = {
+        (*e["loc"][:-1], nearest(str(e["loc"][-1]), _known(e["loc"][:-1])))
+        for e in errors
+        if e["type"] == "extra_forbidden"
+    }
+    # A misspelt key is one fault, not two: the key it was meant to be is not called missing as well.
+    return [_fault(e, table) for e in errors if not (e["type"] == "missing" and tuple(e["loc"]) in guesses)]
+
+
+def _known(loc: Loc) -> list[str]:
+    names = tuple(part for part in loc if isinstance(part, str))
+    model = _TABLES.get(names)
+    return list(model.model_fields) if model else []
+
+
+def _fault(error: Any, table: Mapping[str, Any]) -> Fault:
+    loc: Loc = tuple(error["loc"])
+    where = f"{FILE_NAME}: {_spoken(loc, table)}"
+    key = next((str(part) for part in reversed(loc) if isinstance(part, str)), "")
+    if error["type"] == "extra_forbidden":
+        return Fault(where, f'unknown key "{loc[-1]}"', hint(str(loc[-1]), _known(loc[:-1])))
+    if error["type"] == "missing":
+        return Fault(where, "missing", _NEEDED.get(key, "state it"))
+    if error["type"] == "value_error":
+        return Fault(where, str(error["ctx"]["error"]), _NEEDED.get(key, "correct the table"))
+    found = f"found {_short(error['input'])}: {_lower(error['msg'])}"
+    return Fault(where, found, _NEEDED.get(key, "write a value of the right kind"))
+
+
+def _lower(message: str) -> str:
+    return message[:1].lower() + message[1:]
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _spoken(loc: Loc, table: Mapping[str, Any]) -> str:
+    """Name a place as its writer would: ``capture "strips": images``."""
+    if len(loc) >= 2 and loc[0] == "capture" and isinstance(loc[1], int):
+        rest = ".".join(str(part) for part in loc[2:])
+        return capture_label(table["capture"][loc[1]], loc[1]) + (f": {rest}" if rest else "")
+    return ".".join(str(part) for part in loc) or "document"
+
+
+def capture_label(capture: object, index: int) -> str:
+    """Name a capture by its name, or by its place in the file where it has none."""
+    name = capture.get("name") if isinstance(capture, Mapping) else None
+    return f'capture "{name}"' if isinstance(name, str) and name else f"capture {index + 1}"
