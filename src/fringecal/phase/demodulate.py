@@ -1,0 +1,199 @@
+"""From phase-shifted frames to wrapped phase, with a standard uncertainty and a reason at every pixel."""
+
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError
+from fringecal.phase import kernels
+from fringecal.phase.noise import Noise, estimate_noise
+from fringecal.phase.schemes import Scheme, least_squares
+
+MAX_SIGMA_RAD = 0.25
+"""Noise alone passes the test of modulation in a share exp(-1/(2 u^2)) of fringeless pixels: 0.03 %."""
+
+MIN_MODULATION_LEVELS = 2.0
+"""Least modulation of integer frames: below it, rounding is no longer like noise."""
+
+MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
+"""A residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
+
+_DARK_SIGMAS = 4.0
+
+
+class Reason(IntFlag):
+    """Why a pixel carries no phase; the flags of `PhaseMap.reasons`, 0 = valid."""
+
+    SATURATED = kernels.SATURATED
+    DARK = kernels.DARK
+    LOW_MODULATION = kernels.LOW_MODULATION
+    OUTSIDE = kernels.OUTSIDE
+    MISFIT = kernels.MISFIT
+
+
+@dataclass(frozen=True)
+class PhaseMap:
+    """A demodulated set of frames; all maps are (H, W).
+
+    Parameters
+    ----------
+    phase
+        Wrapped phase in (-pi, pi], rad, float32; NaN where masked.
+    modulation, background
+        B and A of `I = A + B cos(phi + delta)`, grey levels, float32.
+    sigma
+        u(phi), the random part, rad, float32; NaN where masked.
+    reasons
+        Flags of `Reason`, uint8; 0 = valid.
+    noise
+        The camera's noise that `sigma` follows from.
+    """
+
+    phase: NDArray[np.float32]
+    modulation: NDArray[np.float32]
+    background: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    reasons: NDArray[np.uint8]
+    noise: Noise
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Return the mask of pixels that carry a phase."""
+        return self.reasons == 0
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of valid pixels and of each reason (a pixel may have several)."""
+        flags = {reason.name or "": float((self.reasons & reason).astype(bool).mean()) for reason in Reason}
+        return {"valid": float(self.valid.mean())} | {name.lower(): share for name, share in flags.items()}
+
+
+def demodulate(
+    frames: ArrayLike,
+    steps_rad: ArrayLike | Scheme,
+    *,
+    white_level: float | None = None,
+    dark_level: float | None = None,
+    noise: Noise | None = None,
+    min_modulation: float | None = None,
+    out: PhaseMap | None = None,
+) -> PhaseMap:
+    """Demodulate N phase-shifted frames by least squares, or by a named scheme.
+
+    Parameters
+    ----------
+    frames
+        Grey values, (N, H, W), N >= 3: uint8 and uint16 are read as they are, others as float32.
+    steps_rad
+        Steps delta_n in frame order, rad, (N,), or a `Scheme`.
+    white_level
+        Grey value of saturation; by default the largest of an integer type, none for floats.
+    dark_level
+        Background below which a pixel is dark, grey levels; by default four sigma of the noise.
+    noise
+        The camera's noise; by default estimated from the frames.
+    min_modulation
+        Least modulation, grey levels; by default 2 for integers. In any case u(phi) <= 0.25 rad.
+    out
+        A `PhaseMap` of the same shape whose buffers are overwritten and returned in the answer.
+
+    Notes
+    -----
+    With weights `w` of C = B cos(phi) and S = B sin(phi) and var(I) = gain I + r^2 at each frame's own I:
+    `u^2(phi) = sum_n (cos(phi) wS_n - sin(phi) wC_n)^2 var(I_n) / B^2`; for N equal steps and white noise
+    this is `sqrt(2/N) sigma/B`. Valid while u(phi) is well below 1 rad.
+
+    Raises
+    ------
+    PhaseError
+        Shapes that do not fit together, or steps that determine no phase.
+
+    Examples
+    --------
+    >>> delta = np.deg2rad([0, 120, 240])
+    >>> frames = 100 + 50 * np.cos(0.7 + delta)[:, None, None] * np.ones((3, 4, 4))
+    >>> map_ = demodulate(frames, delta, noise=Noise(1.0))
+    >>> f"{map_.phase[0, 0]:.4f} rad, B = {map_.modulation[0, 0]:.2f}, u = {map_.sigma[0, 0]:.5f} rad"
+    '0.7000 rad, B = 50.00, u = 0.01633 rad'
+    """
+    scheme = steps_rad if isinstance(steps_rad, Scheme) else least_squares(steps_rad)
+    grey = _as_frames(frames, len(scheme.steps_rad))
+    white = _white_level(grey.dtype, white_level)
+    if noise is None:
+        noise = _noise_of(grey, scheme, white)
+    if np.issubdtype(grey.dtype, np.integer) and min_modulation is None:
+        min_modulation = MIN_MODULATION_LEVELS
+    read_sigma = float(noise.read_sigma)
+    limits = kernels.Limits(
+        np.float32(white),
+        np.float32(_DARK_SIGMAS * read_sigma if dark_level is None else dark_level),
+        np.float32(min_modulation or 0.0),
+        np.float32(MAX_SIGMA_RAD),
+        np.float32(MISFIT_SIGMAS * noise.sigma(grey.mean(dtype=np.float64) if noise.gain else 0)),
+        np.float32(MISFIT_SHARE),
+    )
+    result = _buffers(grey.shape[1:], noise, out)
+    _run(grey, scheme, limits, result)
+    return result
+
+
+def _as_frames(frames: ArrayLike, n_steps: int) -> NDArray:
+    """Return frames as a contiguous (N, H, W) array of uint8, uint16 or float32."""
+    grey = np.asarray(frames)
+    if grey.ndim != 3 or grey.shape[0] != n_steps or 0 in grey.shape:
+        raise PhaseError(
+            f"found frames of shape {grey.shape} for {n_steps} steps; needed: ({n_steps}, height, width), "
+            "one frame per step and none empty"
+        )
+    if grey.dtype.kind not in "uif":
+        raise PhaseError(f"found frames of type {grey.dtype}; grey values must be integers or real numbers")
+    if grey.dtype not in (np.uint8, np.uint16):
+        grey = grey.astype(np.float32)
+    return np.ascontiguousarray(grey)
+
+
+def _white_level(dtype: np.dtype, white_level: float | None) -> float:
+    """Return the stated saturation, or that of the type."""
+    if white_level is not None:
+        return float(white_level)
+    return float(np.iinfo(dtype).max) if np.issubdtype(dtype, np.integer) else np.inf
+
+
+def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
+    """Estimate the noise; pictures too small for that get the noise of rounding."""
+    if min(grey.shape[1:]) < 16:
+        return Noise(float(np.sqrt(1 / 12)) if np.issubdtype(grey.dtype, np.integer) else 0.0)
+    return estimate_noise(grey, scheme, white_level=white_level)
+
+
+def _buffers(shape: tuple[int, ...], noise: Noise, out: PhaseMap | None) -> PhaseMap:
+    """Return fresh maps, or the caller's."""
+    if out is None:
+        phase, modulation, background, sigma = (np.empty(shape, np.float32) for _ in range(4))
+        return PhaseMap(phase, modulation, background, sigma, np.empty(shape, np.uint8), noise)
+    if out.phase.shape != shape:
+        raise PhaseError(f"out has maps of shape {out.phase.shape}; the frames are {shape}")
+    return PhaseMap(out.phase, out.modulation, out.background, out.sigma, out.reasons, noise)
+
+
+def _run(grey: NDArray, scheme: Scheme, limits: kernels.Limits, result: PhaseMap) -> None:
+    """Prepare the kernel's small tables and call it on flat views."""
+    noise, w = result.noise, scheme.weights
+    products = np.stack([w[1] * w[1], w[2] * w[2], w[1] * w[2]])
+    constant = noise.read_sigma**2 * products.sum(axis=1)
+    least = 1e-3 * min(constant[0], constant[1])
+    steps = np.asarray(scheme.steps_rad)
+    model = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
+    kernels.demodulate_full(
+        grey.reshape(len(steps), -1),
+        np.concatenate([w, noise.gain * products]).astype(np.float32),
+        model.astype(np.float32),
+        np.array([*constant, least], np.float32),
+        limits,
+        result.phase.reshape(-1),
+        result.modulation.reshape(-1),
+        result.background.reshape(-1),
+        result.sigma.reshape(-1),
+        result.reasons.reshape(-1),
+    )

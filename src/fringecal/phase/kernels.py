@@ -1,0 +1,216 @@
+"""Compiled kernels: the camera's integers in; phase, modulation and the reasons of the mask out, in one pass.
+
+A pixel costs N weighted sums, one division, one or two square roots and a polynomial arctangent, all in
+float32 and written so that the compiler vectorises them. Frames are taken in blocks that stay in the
+first-level cache, so that memory is read once and written once.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit, prange
+
+SATURATED, DARK, LOW_MODULATION, OUTSIDE, MISFIT = 1, 2, 4, 8, 16
+
+BLOCK = 2048
+"""Pixels taken at a time: a few float32 buffers of this length fit a 32 KiB first-level cache."""
+
+_PI, _HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
+_ZERO, _ONE = np.float32(0), np.float32(1)
+# Keeps 0/0 away in pixels without any modulation; far below the square of any real grey value.
+_TINY = np.float32(1e-30)
+
+# "nnan" and "ninf" are left out: frames may hold NaN, which must reach the mask.
+_FAST = {"reassoc", "nsz", "arcp", "contract"}
+
+# atan(t) = t P(t^2) on [0, 1]: minimax by Lawson's iteration, largest error 2.5e-7 rad.
+_P0, _P1, _P2, _P3, _P4, _P5, _P6 = (
+    np.float32(c)
+    for c in (0.99999613, -0.33317369, 0.19807816, -0.13233341, 0.07962366, -0.03360421, 0.00681179)
+)
+
+
+class Limits(NamedTuple):
+    """What makes a pixel invalid, in grey levels but for the last two.
+
+    Parameters
+    ----------
+    white_level
+        A frame at or above this is saturated.
+    dark_level
+        A background below this is dark.
+    min_modulation
+        A modulation below this is low.
+    max_sigma_rad
+        A phase with a larger standard uncertainty has low modulation.
+    misfit_level
+        A larger rms residual of the least-squares fit, in grey levels, is a misfit, if it is also ...
+    misfit_share
+        ... larger than this share of the modulation.
+    """
+
+    white_level: np.float32
+    dark_level: np.float32
+    min_modulation: np.float32
+    max_sigma_rad: np.float32
+    misfit_level: np.float32
+    misfit_share: np.float32
+
+
+@njit(fastmath=_FAST, inline="always")
+def _atan2(y, x):  # type: ignore[no-untyped-def]
+    """Return the four-quadrant arctangent of two float32 numbers, to 5e-7 rad; 0 for (0, 0)."""
+    ay, ax = abs(y), abs(x)
+    # The smaller over the larger keeps the polynomial's argument in [0, 1].
+    t = min(ay, ax) / (max(ay, ax) + _TINY)
+    q = t * t
+    angle = t * (_P0 + q * (_P1 + q * (_P2 + q * (_P3 + q * (_P4 + q * (_P5 + q * _P6))))))
+    angle = _HALF_PI - angle if ay > ax else angle
+    angle = _PI - angle if x < _ZERO else angle
+    return -angle if y < _ZERO else angle
+
+
+@njit(fastmath=_FAST, inline="always")
+def _weigh(frames, start, count, weights, sums):  # type: ignore[no-untyped-def]
+    """Fill `sums` (K, BLOCK) with the K weighted sums of the frames over one block."""
+    for k in range(weights.shape[0]):
+        row = sums[k]
+        w = weights[k, 0]
+        frame = frames[0, start : start + count]
+        for i in range(count):
+            row[i] = w * np.float32(frame[i])
+        for n in range(1, frames.shape[0]):
+            w = weights[k, n]
+            frame = frames[n, start : start + count]
+            for i in range(count):
+                row[i] += w * np.float32(frame[i])
+
+
+@njit(fastmath=_FAST, inline="always")
+def _brightest(frames, start, count, peak):  # type: ignore[no-untyped-def]
+    """Fill `peak` with the largest of the N grey values of each pixel of one block."""
+    frame = frames[0, start : start + count]
+    for i in range(count):
+        peak[i] = np.float32(frame[i])
+    for n in range(1, frames.shape[0]):
+        frame = frames[n, start : start + count]
+        for i in range(count):
+            peak[i] = max(peak[i], np.float32(frame[i]))
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
+    """Demodulate without uncertainties: the least that a fast camera loop needs.
+
+    Parameters
+    ----------
+    frames
+        Grey values, uint8, uint16 or float32, (N, M): M pixels in any order.
+    weights
+        float32 (3, N), as in `Scheme.weights`.
+    limits
+        `Limits`; only white_level, dark_level and min_modulation are used.
+    phase, modulation, reasons
+        Outputs, (M,): float32 rad (NaN where masked), float32 grey levels, uint8 flags.
+    """
+    pixels = phase.shape[0]
+    for block in prange((pixels + BLOCK - 1) // BLOCK):
+        start = block * BLOCK
+        count = min(BLOCK, pixels - start)
+        sums = np.empty((3, BLOCK), np.float32)
+        peak = np.empty(BLOCK, np.float32)
+        _weigh(frames, start, count, weights, sums)
+        _brightest(frames, start, count, peak)
+        a, c, s = sums[0], sums[1], sums[2]
+        out_p, out_m = phase[start : start + count], modulation[start : start + count]
+        out_r = reasons[start : start + count]
+        for i in range(count):
+            b = np.sqrt(c[i] * c[i] + s[i] * s[i])
+            why = SATURATED if peak[i] >= limits.white_level else 0
+            why += DARK if a[i] < limits.dark_level else 0
+            why += LOW_MODULATION if b < limits.min_modulation else 0
+            why += 0 if abs(b) < np.inf else OUTSIDE
+            angle = _atan2(s[i], c[i])
+            out_m[i] = b
+            out_r[i] = np.uint8(why)
+            out_p[i] = angle if why == 0 else np.float32(np.nan)
+
+
+@njit(fastmath=_FAST, inline="always")
+def _residuals(frames, start, count, model, sums, rss):  # type: ignore[no-untyped-def]
+    """Fill `rss` with each pixel's sum of squared residuals; `model` (N, 3) holds 1, cos, -sin."""
+    a, c, s = sums[0], sums[1], sums[2]
+    rss[:count] = _ZERO
+    for n in range(frames.shape[0]):
+        mc, ms = model[n, 1], model[n, 2]
+        frame = frames[n, start : start + count]
+        for i in range(count):
+            r = np.float32(frame[i]) - (a[i] + mc * c[i] + ms * s[i])
+            rss[i] += r * r
+
+
+@njit(fastmath=_FAST, inline="always")
+def _variance(c, s, vcc, vss, vcs, floor):  # type: ignore[no-untyped-def]
+    """Return u(phi)^2 from the covariance of C = B cos(phi) and S = B sin(phi)."""
+    power = c * c + s * s + _TINY
+    numerator = c * c * vss - np.float32(2) * c * s * vcs + s * s * vcc
+    return max(numerator, floor * power) / (power * power)
+
+
+@njit(parallel=True, cache=True, fastmath=_FAST)
+def demodulate_full(frames, weights, model, noise, limits, phase, modulation, background, sigma, reasons):  # type: ignore[no-untyped-def]
+    """Demodulate with background, u(phi) and the test of the residuals.
+
+    Parameters
+    ----------
+    frames
+        Grey values, uint8, uint16 or float32, (N, M).
+    weights
+        float32 (6, N): the rows of `Scheme.weights` for A, C, S, then gain times the products of rows
+        C C, S S and C S, which turn the grey values into the shot-noise part of their covariance.
+    model
+        float32 (N, 3): 1, cos(delta), -sin(delta); empty (0, 3) when residuals are not tested.
+    noise
+        float32 (4,): the constant parts of the three covariances; the least variance of C and S.
+    limits
+        `Limits`.
+    phase, modulation, background, sigma, reasons
+        Outputs, (M,); phase and sigma are NaN where masked.
+    """
+    pixels = phase.shape[0]
+    tested = model.shape[0] > 3
+    spare = np.float32(max(frames.shape[0] - 3, 1))
+    max_variance = limits.max_sigma_rad * limits.max_sigma_rad
+    for block in prange((pixels + BLOCK - 1) // BLOCK):
+        start = block * BLOCK
+        count = min(BLOCK, pixels - start)
+        sums = np.empty((6, BLOCK), np.float32)
+        peak = np.empty(BLOCK, np.float32)
+        rss = np.zeros(BLOCK, np.float32)
+        _weigh(frames, start, count, weights, sums)
+        _brightest(frames, start, count, peak)
+        if tested:
+            _residuals(frames, start, count, model, sums, rss)
+        a, c, s, vcc, vss, vcs = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+        out_p, out_m = phase[start : start + count], modulation[start : start + count]
+        out_a, out_u = background[start : start + count], sigma[start : start + count]
+        out_r = reasons[start : start + count]
+        for i in range(count):
+            b = np.sqrt(c[i] * c[i] + s[i] * s[i])
+            variance = _variance(
+                c[i], s[i], vcc[i] + noise[0], vss[i] + noise[1], vcs[i] + noise[2], noise[3]
+            )
+            limit = max(limits.misfit_level, limits.misfit_share * b)
+            why = SATURATED if peak[i] >= limits.white_level else 0
+            why += DARK if a[i] < limits.dark_level else 0
+            why += LOW_MODULATION if b < limits.min_modulation or variance > max_variance else 0
+            why += 0 if abs(b) < np.inf else OUTSIDE
+            why += MISFIT if rss[i] > spare * limit * limit else 0
+            valid = why == 0
+            angle = _atan2(s[i], c[i])
+            deviation = np.sqrt(variance)
+            out_m[i] = b
+            out_a[i] = a[i]
+            out_r[i] = np.uint8(why)
+            out_p[i] = angle if valid else np.float32(np.nan)
+            out_u[i] = deviation if valid else np.float32(np.nan)

@@ -1,0 +1,213 @@
+"""Phase-shifting schemes: which frames are taken, and with what weights they give the phase.
+
+Every scheme here obeys `I_n = A + B cos(phi + delta_n)` and, but for Carre's, is linear: three rows of
+weights turn the N grey values of a pixel into `A`, `C = B cos(phi)` and `S = B sin(phi)`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError
+
+MAX_NOISE_GAIN = 10.0
+"""Steps that make the phase this many times noisier than N equal steps would are refused."""
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Steps and weights of a linear phase-shifting scheme.
+
+    Parameters
+    ----------
+    name
+        Name as it stands in reports.
+    steps_rad
+        Phase steps delta_n of the N frames, rad.
+    weights
+        Array (3, N): rows give A, B cos(phi) and B sin(phi) from the N grey values.
+    """
+
+    name: str
+    steps_rad: tuple[float, ...]
+    weights: NDArray[np.float64]
+
+    @property
+    def noise_gain(self) -> float:
+        """Return rms u(phi) over all phases as a multiple of the optimum `sqrt(2/N) sigma/B`."""
+        variance = (self.weights[1:] ** 2).sum() / 2
+        return float(np.sqrt(variance * len(self.steps_rad) / 2))
+
+
+def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
+    """Build the least-squares scheme for any set of three or more steps.
+
+    Parameters
+    ----------
+    steps_rad
+        Phase steps delta_n, rad, (N,), N >= 3; equal spacing is not needed.
+    name
+        Name for reports; by default the number of steps.
+
+    Notes
+    -----
+    With the design matrix `M = [1, cos(delta), -sin(delta)]` the weights are `(M^T M)^-1 M^T`
+    (Greivenkamp, Opt. Eng. 23 (1984) 350, eq. 11).
+
+    Raises
+    ------
+    PhaseError
+        Fewer than three steps, a step that is not finite, or steps that cannot tell A, B and phi apart.
+
+    Examples
+    --------
+    >>> least_squares(np.deg2rad([0, 120, 240])).weights.round(4)
+    array([[ 0.3333,  0.3333,  0.3333],
+           [ 0.6667, -0.3333, -0.3333],
+           [ 0.    , -0.5774,  0.5774]])
+    """
+    steps = np.asarray(steps_rad, dtype=np.float64).ravel()
+    _refuse_too_few(steps)
+    design = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
+    singular = np.linalg.svd(design, compute_uv=False)
+    scheme = Scheme(
+        name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.linalg.pinv(design)
+    )
+    if singular[-1] < 1e-6 * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
+        raise PhaseError(
+            f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
+            "needed: at least three steps well spread over a period, such as 0, 120, 240 deg; "
+            "check steps_deg (duplicated frames count once)"
+        )
+    return scheme
+
+
+def _refuse_too_few(steps: NDArray[np.float64]) -> None:
+    """Refuse sets of steps that no weights exist for."""
+    if steps.size < 3:
+        raise PhaseError(f"found {steps.size} phase steps; at least 3 are needed: take more frames")
+    if not np.isfinite(steps).all():
+        raise PhaseError(f"steps {steps.tolist()} rad are not all finite: state every step as a number")
+
+
+def _in_degrees(steps: NDArray[np.float64]) -> str:
+    """Write steps as a person would state them."""
+    return ", ".join(f"{step:.6g}" for step in np.rad2deg(steps))
+
+
+def buckets(n: int) -> Scheme:
+    """Build the N-bucket scheme: N equal steps over one period, the first at 0."""
+    return least_squares(2 * np.pi * np.arange(n) / n, name=f"{n}-bucket")
+
+
+def _from_rows(
+    name: str, steps_deg: Sequence[float], cosine: Sequence[float], sine: Sequence[float]
+) -> Scheme:
+    """Build a scheme from its published integer coefficients, scaled so that the modulation is right."""
+    steps = np.deg2rad(steps_deg)
+    background = np.linalg.pinv(np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)]))[0]
+    cosine_row = np.asarray(cosine) / np.dot(cosine, np.cos(steps))
+    sine_row = np.asarray(sine) / np.dot(sine, -np.sin(steps))
+    return Scheme(name, tuple(steps.tolist()), np.stack([background, cosine_row, sine_row]))
+
+
+_NAMED = {
+    "three-120": lambda: least_squares(np.deg2rad([0, 120, 240]), name="three-120"),
+    "three-90": lambda: least_squares(np.deg2rad([0, 90, 180]), name="three-90"),
+    "four": lambda: least_squares(np.deg2rad([0, 90, 180, 270]), name="four"),
+    # Hariharan, Oreb, Eiju, Appl. Opt. 26 (1987) 2504, eq. 9: blind to a linear step error at first order.
+    "hariharan-5": lambda: _from_rows(
+        "hariharan-5", [-180, -90, 0, 90, 180], [-1, 0, 2, 0, -1], [0, 2, 0, -2, 0]
+    ),
+    # Schwider et al., Opt. Eng. 32 (1993) 1883: three steps of 90 deg, frames 1-3 and 2-4 added.
+    "schwider-4": lambda: _from_rows("schwider-4", [0, 90, 180, 270], [1, 1, -3, 1], [1, -3, 1, 1]),
+}
+
+
+def scheme(name: str) -> Scheme:
+    """Return a named scheme.
+
+    Parameters
+    ----------
+    name
+        One of ``three-120``, ``three-90``, ``four``, ``hariharan-5``, ``schwider-4``, or ``N-bucket``
+        such as ``8-bucket``. Carre's scheme is not linear and has its own function, `carre`.
+
+    Raises
+    ------
+    PhaseError
+        No scheme of that name.
+
+    Examples
+    --------
+    >>> scheme("hariharan-5").weights[2].tolist()
+    [0.0, 0.5, 0.0, -0.5, 0.0]
+    """
+    count, dash, kind = name.partition("-")
+    if dash and kind == "bucket" and count.isdigit():
+        return buckets(int(count))
+    if name not in _NAMED:
+        known = ", ".join([*_NAMED, "N-bucket"])
+        raise PhaseError(f"no phase-shifting scheme is called {name!r}; known: {known}")
+    return _NAMED[name]()
+
+
+def carre(frames: ArrayLike) -> NDArray[np.float64]:
+    """Demodulate four frames with equal but unknown steps -3a, -a, a, 3a (Carre 1966).
+
+    Parameters
+    ----------
+    frames
+        Four frames, grey levels, (4, ...).
+
+    Returns
+    -------
+    numpy.ndarray
+        Wrapped phase in (-pi, pi], rad; NaN where the frames admit no step (a negative radicand).
+
+    Notes
+    -----
+    With `p = I2 - I3` and `q = I1 - I4`: `tan(phi) = sqrt((3p - q)(p + q)) / ((I2 + I3) - (I1 + I4))`,
+    the sign of the sine being that of p (Carre, Metrologia 2 (1966) 13). Best near a = 55 deg; at small
+    a, or where sin(phi) is small, the root makes noise large.
+
+    Raises
+    ------
+    PhaseError
+        Not four frames.
+    """
+    grey = np.asarray(frames, dtype=np.float64)
+    if grey.shape[0] != 4:
+        raise PhaseError(f"found {grey.shape[0]} frames; Carre's scheme needs exactly 4")
+    inner, outer = grey[1] - grey[2], grey[0] - grey[3]
+    radicand = (3 * inner - outer) * (inner + outer)
+    sine = np.sign(inner) * np.sqrt(np.where(radicand >= 0, radicand, np.nan))
+    return np.arctan2(sine, (grey[1] + grey[2]) - (grey[0] + grey[3]))
+
+
+def quadrant_phase(numerator: ArrayLike, denominator: ArrayLike) -> NDArray[np.float64]:
+    """Turn an arctangent into a phase in [0, 2 pi) by the table of signs, as early systems did.
+
+    Parameters
+    ----------
+    numerator, denominator
+        N = k B sin(phi) and D = k B cos(phi), any common positive factor k.
+
+    Returns
+    -------
+    numpy.ndarray
+        Phase in [0, 2 pi), rad; NaN where N = D = 0, where there is no phase.
+
+    Notes
+    -----
+    With `t = atan|N/D|`: t, pi - t, pi + t and 2 pi - t in the four quadrants and multiples of pi/2 on
+    the axes; identical to `atan2(N, D) mod 2 pi`.
+    """
+    n, d = np.broadcast_arrays(np.asarray(numerator, np.float64), np.asarray(denominator, np.float64))
+    slope = np.divide(np.abs(n), np.abs(d), out=np.zeros(n.shape), where=d != 0)
+    t = np.where(d == 0, np.pi / 2, np.arctan(slope))
+    quadrants = [(n >= 0) & (d > 0), (n > 0) & (d <= 0), (n <= 0) & (d < 0), (n < 0) & (d >= 0)]
+    phase = np.select(quadrants, [t, np.pi - t, np.pi + t, 2 * np.pi - t], default=np.nan)
+    return np.where(phase >= 2 * np.pi, 0.0, phase)
