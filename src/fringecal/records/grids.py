@@ -130,15 +130,15 @@ def _map_pixels(x_mm: np.ndarray, y_mm: np.ndarray, valid: np.ndarray) -> _Pixel
     solution, _, rank, _ = np.linalg.lstsq(design, observed, rcond=None)
     if rank < 3 or abs(np.linalg.det(solution[1:])) < _NO_WEIGHT:
         raise RecordError("the valid pixels lie on one line; a surface needs an area, check its mask")
-    every_row, every_column = np.indices(valid.shape, sparse=True)
-    rest = [
+    every_row, every_column = np.ogrid[: valid.shape[0], : valid.shape[1]]
+    rest_x, rest_y = (
         np.where(valid, values - (a + b * every_row + c * every_column), np.nan)
         for values, (a, b, c) in zip((x_mm, y_mm), solution.T, strict=True)
-    ]
+    )
     if not valid.all():
         nearest = ndimage.distance_transform_edt(~valid, return_distances=False, return_indices=True)
-        rest = [values[tuple(nearest)] for values in rest]
-    return _PixelMap(solution[0], np.linalg.inv(solution[1:].T), *rest)
+        rest_x, rest_y = rest_x[tuple(nearest)], rest_y[tuple(nearest)]
+    return _PixelMap(solution[0], np.linalg.inv(solution[1:].T), rest_x, rest_y)
 
 
 def _find_pixels(pixels: _PixelMap, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -157,9 +157,9 @@ def _find_pixels(pixels: _PixelMap, x_mm: np.ndarray, y_mm: np.ndarray) -> tuple
         change, found = np.abs(moved - found).max(axis=0), moved
         if change.max() < _SETTLED_PX:
             break
-    height, width = pixels.rest_x_mm.shape
     inside = (found > -_SETTLED_PX).all(axis=0)
-    inside &= (found[0] < height - 1 + _SETTLED_PX) & (found[1] < width - 1 + _SETTLED_PX)
+    inside &= found[0] < pixels.rest_x_mm.shape[0] - 1 + _SETTLED_PX
+    inside &= found[1] < pixels.rest_x_mm.shape[1] - 1 + _SETTLED_PX
     found = np.where(inside & (change < _SETTLED_PX), found, np.nan)
     return found[0], found[1]
 

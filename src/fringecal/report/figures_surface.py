@@ -1,0 +1,61 @@
+"""A measured surface seen obliquely from above."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from fringecal.report.style import HEIGHT_MAP, new_figure, styled
+
+_FACETS_PER_SIDE = 160
+
+
+@styled
+def surface_view(
+    x_mm: np.ndarray,
+    y_mm: np.ndarray,
+    z_mm: np.ndarray,
+    *,
+    exaggeration: float = 1.0,
+    stride: int | None = None,
+    title: str = "",
+) -> Figure:
+    """Draw a surface in three dimensions, the viewer at the lower edge of the picture.
+
+    Parameters
+    ----------
+    x_mm, y_mm, z_mm
+        Plate-frame coordinates per pixel (H, W), mm, NaN where masked.
+    exaggeration
+        Factor by which heights are stretched against x and y; stated in the axis label.
+    stride
+        Draw every stride-th row and column; by default about 160 facets along the longer side.
+    title
+        What was measured.
+    """
+    step = stride or max(1, max(z_mm.shape) // _FACETS_PER_SIDE)
+    x, y, z = (part[::step, ::step] for part in (x_mm, y_mm, z_mm))
+    figure = new_figure(7.4, 5.4)
+    axes: Any = figure.add_subplot(projection="3d")
+    low, high = np.nanmin(z), np.nanmax(z)
+    # A facet with NaN in z is not drawn, but its x and y must be finite.
+    axes.plot_surface(
+        np.nan_to_num(x, nan=np.nanmean(x)),
+        np.nan_to_num(y, nan=np.nanmean(y)),
+        z,
+        rcount=z.shape[0],
+        ccount=z.shape[1],
+        cmap=HEIGHT_MAP,
+        vmin=low,
+        vmax=high,
+        linewidth=0,
+        antialiased=False,
+    )
+    spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x, y, z)])
+    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.1)
+    axes.zaxis.set_major_locator(MaxNLocator(3))
+    axes.view_init(elev=32, azim=-65)
+    stretched = "" if exaggeration == 1 else f" ({exaggeration:g} times)"
+    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel=f"z / mm{stretched}", title=title)
+    return figure
