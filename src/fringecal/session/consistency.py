@@ -99,7 +99,7 @@ def _count_faults(draft: Draft, n_steps: int) -> Iterator[Fault]:
         return
     yield Fault(
         f"{draft.label}: images",
-        f"{found} images, needed {needed} = {n_steps or 1} step(s) x {n_periods} period(s) x {repeat} time(s)",
+        f"{found} images, needed {needed}: {n_steps or 1} step(s) x {n_periods} period(s), {repeat} time(s)",
         (f"state repeat = {found // group} if the set was repeated, or " if found % group == 0 else "")
         + "correct the list of images or the steps",
     )
