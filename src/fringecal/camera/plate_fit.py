@@ -23,7 +23,9 @@ class CameraFit:
     """A camera fitted to a grid, with the residuals that tell whether to believe it.
 
     `residual_u_px` and `residual_v_px` are observed minus modelled, NaN for rejected crossings; `rms_px` is
-    over both coordinates; `free` names the parameters that the grid or a prior determined.
+    over both coordinates; `free` names the parameters that the grid or a prior determined. `causes` splits the
+    camera's covariance: one vector per stated input (its effect on all parameters, one standard uncertainty
+    large), and what is left is the scatter of the crossings.
     """
 
     camera: PlateCamera
@@ -33,6 +35,7 @@ class CameraFit:
     dof: int
     free: tuple[str, ...]
     turn_deg: float
+    causes: dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -250,4 +253,31 @@ def _report(problem: _Problem, solution: _Solution, keep: Array) -> CameraFit:
         dof=2 * int(np.count_nonzero(keep)) - solution.vector.size,
         free=tuple(CAMERA_NAMES[i] for i in free),
         turn_deg=math.degrees(solution.vector[len(free)]),
+        causes=_causes(problem, solution),
     )
+
+
+def _causes(problem: _Problem, solution: _Solution) -> dict[str, Array]:
+    """Return what one standard uncertainty of each stated input does to the camera (Kalman gain times u)."""
+    free = list(problem.free)
+    rows = {"grid pitch": _unit_row(solution.vector.size, -1) / max(problem.stretch_u, 1e-9)}
+    height = CAMERA_NAMES.index("height_mm")
+    if problem.height is not None and height in free:
+        rows["camera height"] = _unit_row(solution.vector.size, free.index(height)) / max(problem.height.u, 1e-6)
+    if problem.focal is not None and height in free:
+        focal = _camera_of(problem, solution.vector).focal_px
+        row = _unit_row(solution.vector.size, free.index(height)) * focal / solution.vector[free.index(height)]
+        row -= _unit_row(solution.vector.size, free.index(0)) * focal / solution.vector[free.index(0)]
+        rows["focal length"] = row / max(problem.focal.u, 1e-6)
+    causes = {}
+    for label, row in rows.items():
+        effect = np.zeros(len(CAMERA_NAMES))
+        effect[free] = (solution.covariance @ row)[: len(free)]
+        causes[label] = effect
+    return causes
+
+
+def _unit_row(size: int, index: int) -> Array:
+    row = np.zeros(size)
+    row[index] = 1.0
+    return row

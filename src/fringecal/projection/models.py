@@ -1,0 +1,69 @@
+"""Height models side by side, from the thesis's one constant angle to the projective rig."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera.plate import Rays
+from fringecal.projection.angle import fringe_pitch_mm
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.rig import RigModel
+
+Array = NDArray[np.float64]
+
+#: Names of the height models, from worst to best known.
+HEIGHT_MODELS = ("constant-angle", "column-angle", "projective")
+
+
+@dataclass(frozen=True)
+class HeightModel:
+    """A named way from phase (rad) and rays to height (mm): `height(phase_rad, rays)`."""
+
+    name: str
+    height: Callable[[Array, Rays], Array]
+
+
+def height_model(calibration: RigCalibration, name: str = "projective") -> HeightModel:
+    """Return a height model of a calibrated rig by name.
+
+    ``constant-angle``: `z = p0 dphi / (2 pi tan(theta0))`, one apparent angle and one pitch, taken at the plate's
+    origin: the thesis. ``column-angle``: the same with pitch and apparent angle of each pixel's own plate point,
+    first order in z. ``projective``: the rig model, exact.
+
+    Raises
+    ------
+    KeyError
+        An unknown name.
+    """
+    rig = calibration.model
+    makers: dict[str, Callable[[], HeightModel]] = {
+        "constant-angle": lambda: _constant_angle(calibration),
+        "column-angle": lambda: HeightModel(name, lambda phase, rays: _first_order(rig, phase, rays)),
+        "projective": lambda: HeightModel(name, rig.height),
+    }
+    if name not in makers:
+        raise KeyError(f"no height model is called {name!r}; known: {', '.join(HEIGHT_MODELS)}")
+    return makers[name]()
+
+
+def _constant_angle(calibration: RigCalibration) -> HeightModel:
+    rig = calibration.model
+    pitch = float(fringe_pitch_mm(rig))
+    gx, gy, gz = (float(g) for g in rig.gradient(0.0, 0.0, 0.0))
+    # The camera looks straight down at the origin, up to its tilt: the angle the strips show there.
+    centre = calibration.camera.rays(*calibration.camera.centre_px)
+    tangent = -(gz + gx * float(centre.bx) + gy * float(centre.by)) / math.hypot(gx, gy)
+
+    def height(phase: Array, rays: Rays) -> Array:
+        step = phase - rig.phase(rays.ax, rays.ay, 0.0)
+        return -step * pitch / (2 * math.pi * tangent)
+
+    return HeightModel("constant-angle", height)
+
+
+def _first_order(rig: RigModel, phase: Array, rays: Rays) -> Array:
+    gx, gy, gz = rig.gradient(rays.ax, rays.ay, 0.0)
+    return (phase - rig.phase(rays.ax, rays.ay, 0.0)) / (gz + gx * rays.bx + gy * rays.by)
