@@ -2,21 +2,29 @@
 
 from fringecal.phase.demodulate import PhaseMap, Reason, demodulate
 from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
+from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
+from fringecal.phase.steps import StepEstimate, estimate_steps
 from fringecal.phase.unwrap import Unwrapped, unwrap
 
 __all__ = [
+    "FringePeriod",
     "Noise",
     "PhaseMap",
     "Reason",
     "Scheme",
+    "StepEstimate",
     "Unwrapped",
     "buckets",
     "carre",
+    "carrier",
     "demodulate",
     "estimate_noise",
+    "estimate_steps",
+    "fringe_period",
     "least_squares",
     "noise_from_repeats",
+    "phase_gradient",
     "quadrant_phase",
     "scheme",
     "unwrap",

@@ -1,0 +1,169 @@
+"""Fringe period and direction, read from a phase map or from one picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError
+
+_LEAST_CYCLES = 3.0
+_LEAST_PIXELS = 16
+_LEAST_BLOCK_SHARE = 0.8
+_LEAST_SLOPE = 1e-3
+_ROUNDS = 2
+_PEAK_TO_MEDIAN = 30.0
+
+
+@dataclass(frozen=True)
+class FringePeriod:
+    """How long the fringes are and which way the phase rises.
+
+    Parameters
+    ----------
+    period_px
+        Length of one fringe across the fringes, px.
+    direction_deg
+        Direction in which the phase rises, from +u toward +v (down in the picture), in (-180, 180] deg;
+        from one picture alone only known modulo 180 deg, and then in (-90, 90].
+    gradient_rad_px
+        The same as a vector: phase per pixel along u and along v, rad/px.
+    """
+
+    period_px: float
+    direction_deg: float
+    gradient_rad_px: tuple[float, float]
+
+
+def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePeriod:
+    """Measure the fringe period of a phase map, wrapped or not.
+
+    Parameters
+    ----------
+    phase
+        Phase, rad, (H, W); fringes longer than 2 px.
+    valid
+        True where the phase is to be used, (H, W); NaN is never used.
+
+    Notes
+    -----
+    The wrapped differences to the next pixel along u and along v are averaged over blocks as large as a
+    fringe, which removes the ripple of gamma and of wrong steps, and the median over the blocks is taken,
+    which removes edges; over a field with perspective it is the period of the median block.
+
+    Raises
+    ------
+    PhaseError
+        Fewer than 16 neighbouring valid pixels, or a phase that does not change.
+
+    Examples
+    --------
+    >>> falling = np.angle(np.exp(-2j * np.pi * np.arange(90) / 22.5)) * np.ones((4, 1))
+    >>> found = fringe_period(falling)
+    >>> round(found.period_px, 6), round(abs(found.direction_deg), 6)
+    (22.5, 180.0)
+    """
+    gradient_u, gradient_v = phase_gradient(phase, valid)
+    usable = np.isfinite(gradient_u).sum(), np.isfinite(gradient_v).sum()
+    if min(usable) < _LEAST_PIXELS:
+        raise PhaseError(
+            f"found {usable[0]} and {usable[1]} pairs of valid neighbours along u and v; a fringe period needs "
+            f"at least {_LEAST_PIXELS} of each: check exposure and the mask's reasons"
+        )
+    slope_u, slope_v = float(np.nanmedian(gradient_u)), float(np.nanmedian(gradient_v))
+    for _ in range(_ROUNDS):
+        side = round(2 * np.pi / max(np.hypot(slope_u, slope_v), _LEAST_SLOPE))
+        slope_u, slope_v = _block_median(gradient_u, side, slope_u), _block_median(gradient_v, side, slope_v)
+    return _from_gradient(slope_u, slope_v)
+
+
+def _block_median(gradient: NDArray, side: int, fallback: float) -> float:
+    """Return the median over blocks of the mean gradient; the fallback if no block is nearly all valid."""
+    rows, columns = gradient.shape[0] // side, gradient.shape[1] // side
+    if side < 2 or rows * columns == 0:
+        return fallback
+    tiles = gradient[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    finite = np.isfinite(tiles)
+    count = finite.sum(axis=(1, 3))
+    total = np.where(finite, tiles, 0.0).sum(axis=(1, 3))
+    full = count >= _LEAST_BLOCK_SHARE * side**2
+    return float(np.median(total[full] / count[full])) if full.any() else fallback
+
+
+def phase_gradient(phase: ArrayLike, valid: ArrayLike | None = None) -> tuple[NDArray, NDArray]:
+    """Return the wrapped phase differences to the next pixel along u, (H, W-1), and along v, (H-1, W).
+
+    Parameters
+    ----------
+    phase
+        Phase, rad, (H, W).
+    valid
+        True where the phase is to be used; differences with a masked pixel are NaN.
+    """
+    p = np.asarray(phase, dtype=np.float64)
+    if p.ndim != 2:
+        raise PhaseError(f"found a phase map of shape {p.shape}; needed: (height, width)")
+    if valid is not None:
+        p = np.where(np.asarray(valid, bool), p, np.nan)
+    turn = 2 * np.pi
+    along_u, along_v = np.diff(p, axis=1), np.diff(p, axis=0)
+    return along_u - turn * np.rint(along_u / turn), along_v - turn * np.rint(along_v / turn)
+
+
+def _from_gradient(gradient_u: float, gradient_v: float) -> FringePeriod:
+    """Turn a phase gradient into a period and a direction."""
+    slope = float(np.hypot(gradient_u, gradient_v))
+    if slope == 0:
+        raise PhaseError("the phase does not change over the picture: no fringes, or identical frames")
+    direction = float(np.rad2deg(np.arctan2(gradient_v, gradient_u)))
+    return FringePeriod(2 * np.pi / slope, direction, (gradient_u, gradient_v))
+
+
+def carrier(image: ArrayLike) -> FringePeriod:
+    """Measure the fringe period in one picture, from the peak of its spectrum.
+
+    Parameters
+    ----------
+    image
+        Grey values, (H, W), with at least three fringes across the picture.
+
+    Notes
+    -----
+    The picture minus its mean, under a Hann window; the peak's place is refined by a parabola through the
+    logarithms of its neighbours.
+
+    Raises
+    ------
+    PhaseError
+        No periodic pattern: no peak beyond three cycles per picture that stands out.
+
+    Examples
+    --------
+    >>> round(carrier(np.cos(2 * np.pi * np.arange(200) / 12.5) * np.ones((64, 1))).period_px, 2)
+    12.5
+    """
+    grey = np.asarray(image, dtype=np.float64)
+    if grey.ndim != 2 or min(grey.shape) < _LEAST_PIXELS or not np.isfinite(grey).all():
+        raise PhaseError(
+            f"found a picture of shape {grey.shape}; needed: (height, width), finite, 16 px or more"
+        )
+    window = np.hanning(grey.shape[0])[:, None] * np.hanning(grey.shape[1])
+    power = np.abs(np.fft.rfft2((grey - np.average(grey, weights=window)) * window)) ** 2
+    cycles_v = np.fft.fftfreq(grey.shape[0]) * grey.shape[0]
+    cycles_u = np.arange(power.shape[1])
+    power[np.hypot(cycles_v[:, None], cycles_u) < _LEAST_CYCLES] = 0
+    row, column = np.unravel_index(np.argmax(power), power.shape)
+    if power[row, column] <= _PEAK_TO_MEDIAN * np.median(power):
+        raise PhaseError("no fringes found in the picture: its spectrum has no peak beyond three cycles")
+    top, side = np.log(power[:, column] + 1e-300), np.log(power[row] + 1e-300)
+    cycle_v = cycles_v[row] + _parabola(top[row - 1], top[row], top[(row + 1) % top.size])
+    right = side[column + 1] if column + 1 < side.size else side[column - 1]
+    cycle_u = cycles_u[column] + _parabola(side[abs(column - 1)], side[column], right)
+    per_u, per_v = float(cycle_u) / grey.shape[1], float(cycle_v) / grey.shape[0]
+    return _from_gradient(2 * np.pi * per_u, 2 * np.pi * per_v)
+
+
+def _parabola(left: float, centre: float, right: float) -> float:
+    """Return the vertex of a parabola through three equally spaced values, from the middle one."""
+    bend = left - 2 * centre + right
+    return 0.0 if bend >= 0 else float(0.5 * (left - right) / bend)
