@@ -10,7 +10,7 @@ def dictionary_names() -> list[str]:
     """Names of the predefined dictionaries, as in ``cv2.aruco``."""
     import cv2  # loaded late: listing and reading targets must not wait for OpenCV
 
-    return sorted(name for name in dir(cv2.aruco) if re.fullmatch(r"DICT_[A-Z0-9_]+", name))
+    return sorted(name for name in dir(cv2.aruco) if re.fullmatch(r"DICT_\w+", name))
 
 
 def _dictionary(name: str):  # type: ignore[no-untyped-def]  # cv2 has no type for it

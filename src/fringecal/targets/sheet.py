@@ -29,10 +29,10 @@ PRINTABLE = (LineGrid, Chessboard, Charuco, Dots)
 
 RULER_MM = 100.0
 # The band along the left and lower edge that holds ruler and text, and its distance from the pattern.
-BAND_MM, CLEAR_MM = 11.0, 3.0
-TEXT_AWAY_MM, TEXT_MM, FONT_MM = 7.0, 62.0, 1.8
+BAND_MM, CLEAR_MM = 10.0, 3.0
+TEXT_AWAY_MM, TEXT_MM, FONT_MM = 7.0, 72.0, 2.0
 INSTRUCTION = (
-    "Print at actual size (100 %). Then measure both rulers: 100.0 mm between the centres of marks 0 "
+    "Print at actual size (100 %). Measure both rulers: 100.0 mm between the centres of marks 0 "
     "and 100. If not, discard the sheet, or measure the pattern and state its size in your own target file."
 )
 # Lines of a grid end this part of a pitch beyond the last crossing, so that every crossing is a whole one.
@@ -258,7 +258,7 @@ def _rulers(paper: Page) -> list[Shape]:
         shapes.append(Rectangle(x0 + mm - weight / 2, low - BAND_MM, weight, length))
         shapes.append(Rectangle(left + BAND_MM - length, y0 - mm - weight / 2, length, weight))
         if mm % 10 == 0:
-            shapes.append(Label(x0 + mm + 0.4, low - BAND_MM + 7.4, 2.2, str(mm)))
+            shapes.append(Label(x0 + mm, low - BAND_MM + 7.4, 2.2, str(mm), "middle"))
             shapes.append(Label(left + BAND_MM - 5.4, y0 - mm + 0.8, 2.2, str(mm), "end"))
     return shapes
 

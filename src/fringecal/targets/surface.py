@@ -39,7 +39,8 @@ def surface_mm(target: Artefact, x_mm: ArrayLike, y_mm: ArrayLike) -> Floats:
     target
         Any kind; printed patterns are flat.
     x_mm, y_mm
-        Positions in the target's frame (see `fringecal.targets.geometry`), mm, shapes that broadcast.
+        Positions in the target's frame (see `fringecal.targets.geometry`), mm, shapes that broadcast;
+        NaN gives NaN.
 
     Returns
     -------
@@ -52,7 +53,7 @@ def surface_mm(target: Artefact, x_mm: ArrayLike, y_mm: ArrayLike) -> Floats:
     [3.0, 0.0, 3.0, 3.0]
     """
     x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
-    return _surface(target, x, y)
+    return np.where(np.isnan(x) | np.isnan(y), np.nan, _surface(target, x, y))
 
 
 def footprint_mm(target: Artefact) -> tuple[float, float]:

@@ -39,13 +39,13 @@ class Disc:
 
 @dataclass(frozen=True)
 class Label:
-    """One line of text whose baseline starts, or ends, at (x, y); `size` is the font size, mm."""
+    """One line of text with its baseline through (x, y); `size` is the font size, mm."""
 
     x: float
     y: float
     size: float
     text: str
-    anchor: Literal["start", "end"] = "start"
+    anchor: Literal["start", "middle", "end"] = "start"
 
     @property
     def width_mm(self) -> float:
@@ -94,7 +94,7 @@ def svg(drawing: Drawing) -> str:
 
 
 def pdf(drawing: Drawing) -> bytes:
-    """Write a drawing as a one-page PDF of exact size; it holds no date, so equal drawings are equal bytes."""
+    """Write a drawing as a one-page PDF of exact size; it holds no date: equal drawings, equal bytes."""
     box = f"0 0 {drawing.width_mm * POINTS_PER_MM:.6f} {drawing.height_mm * POINTS_PER_MM:.6f}"
     content = _pdf_content(drawing)
     objects = (
@@ -135,7 +135,7 @@ def _pdf_content(drawing: Drawing) -> bytes:
 
 def _pdf_shape(shape: Shape) -> bytes:
     if isinstance(shape, Label):
-        x = shape.x - (shape.width_mm if shape.anchor == "end" else 0)
+        x = shape.x - {"start": 0.0, "middle": 0.5, "end": 1.0}[shape.anchor] * shape.width_mm
         place = f"BT 0 g /F {_mm(shape.size)} Tf 1 0 0 -1 {_mm(x)} {_mm(shape.y)} Tm "
         return place.encode() + _pdf_string(shape.text) + b" Tj ET"
     ink = "0 g" if shape.ink == "black" else "1 g"
@@ -163,7 +163,7 @@ def _pdf_string(text: str) -> bytes:
 
 
 def _pdf_file(objects: tuple[bytes, ...]) -> bytes:
-    """Number the objects and write the table of their places: catalog first, information last."""
+    """Join objects into a file with the table of their places; the catalog is first, the information last."""
     written = b"%PDF-1.6\n%\xe2\xe3\xcf\xd3\n"
     places = []
     for number, body in enumerate(objects, start=1):
