@@ -1,0 +1,196 @@
+"""Draw a scene with a virtual rig: frames as its camera would deliver them, and the truth behind them."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy import ndimage
+
+from fringecal.errors import FringecalError
+from fringecal.simulate.camera import Camera, build_camera, image_centre
+from fringecal.simulate.compiled import over_rows
+from fringecal.simulate.kernels import World, build_world
+from fringecal.simulate.patterns import PatternTable, pattern_table
+from fringecal.simulate.projector import Projector, build_projector, harmonics
+from fringecal.simulate.rig import RigSpec, StepsSpec, SurfaceSpec
+from fringecal.simulate.scene import Scene
+from fringecal.simulate.sensor import exposed, lamp_factors
+from fringecal.simulate.shading import Light, Texture, collect, trace_centres
+
+TEXTURE_CELLS = 256
+EDGE_SAMPLES = 34
+PRINT_SAMPLES = 89
+# Generators of the Fibonacci lattice with so many points: the Fibonacci number before.
+FIBONACCI = {34: 21, 55: 34, 89: 55}
+
+
+@dataclass(frozen=True)
+class Frames:
+    """Frames of one capture and the truth at every pixel's centre.
+
+    Parameters
+    ----------
+    frames
+        Shape (N, H, W), uint8 for 8 bits, else uint16, grey levels.
+    x, y, z
+        Shape (H, W): the surface point seen, mm in the plate frame.
+    phase
+        Shape (H, W): true unwrapped phase there, rad, at step 0.
+    lit
+        Shape (H, W): whether the projector reaches that point.
+    modulation
+        Shape (H, W): amplitude of the fringes in grey levels before texture and sensor response.
+    surface
+        Shape (H, W): number of the face seen; 0 is the flat.
+    """
+
+    frames: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    phase: np.ndarray
+    lit: np.ndarray
+    modulation: np.ndarray
+    surface: np.ndarray
+
+
+def render(
+    rig: RigSpec,
+    scene: Scene,
+    *,
+    seed: int | Sequence[int] = 0,
+    light: Literal["fringes", "room"] = "fringes",
+    noise: bool = True,
+) -> Frames:
+    """Render one capture of a scene.
+
+    Parameters
+    ----------
+    rig, scene
+        The rig, and what lies under it.
+    seed
+        Seeds lamp flicker and sensor noise; the surfaces' texture has its own seed in the rig.
+    light
+        One frame per phase step under projected fringes, or one picture by room light.
+    noise
+        Switch flicker, noise and rounding off: frames are then float64 grey levels, clipped at the
+        white level.
+
+    Returns
+    -------
+    Frames
+        Pictures and truth. Inside a surface the light is integrated over the pixel by the 2 x 2
+        Gauss-Legendre rule (error of a fringe's modulation below 1e-4 at 8 px per period); at edges
+        by 34 points of a Fibonacci lattice, 89 for printed patterns.
+    """
+    camera, projector = build_camera(rig.camera), build_projector(rig.projector)
+    world, table = build_world(scene), pattern_table(scene.pattern)
+    fringes = light == "fringes"
+    if fringes:
+        _refuse_below_plate(rig)
+    maps, keys = _centres(rig, camera, projector, world, table)
+    lamp = lamp_factors(rig, seed, len(rig.steps.nominal_deg) if fringes else 1, noise=noise)
+    lamp_light = _light(rig, lamp, fringes=fringes)
+    edges, outer = _edges(rig, keys, maps[5]), _lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
+    levels = np.empty((lamp.size, *keys.shape))
+    soft_mm = rig.camera.scale_mm_per_px / len(outer)
+    texture = _texture(rig.surface)
+    over_rows(collect, keys.shape[0], camera, projector, world, table, texture, lamp_light, edges, _gauss(), outer, soft_mm, levels)
+    return _frames(rig, exposed(rig, _blurred(levels, rig), seed, noise=noise), maps, keys, lamp_light)
+
+
+def plate_points(rig: RigSpec) -> tuple[np.ndarray, np.ndarray]:
+    """Plate coordinates x, y in mm under every pixel centre, each of shape (H, W)."""
+    camera, projector = build_camera(rig.camera), build_projector(rig.projector)
+    maps, _ = _centres(rig, camera, projector, build_world(Scene()), pattern_table(Scene().pattern))
+    return maps[0], maps[1]
+
+
+def true_steps_rad(steps: StepsSpec, width_px: int, height_px: int) -> np.ndarray:
+    """True phase step per frame: at the image centre, and its change per px along u and v; shape (N, 3)."""
+    n = len(steps.nominal_deg)
+    step = np.array(steps.nominal_deg) + (np.array(steps.error_deg) if steps.error_deg else np.zeros(n))
+    tilt = np.array(steps.tilt_deg) if steps.tilt_deg else np.zeros((n, 2))
+    return np.radians(np.column_stack([step, tilt[:, 0] / width_px, tilt[:, 1] / height_px]))
+
+
+def _centres(
+    rig: RigSpec, camera: Camera, projector: Projector, world: World, table: PatternTable
+) -> tuple[np.ndarray, np.ndarray]:
+    shape = (rig.camera.height_px, rig.camera.width_px)
+    maps, keys = np.empty((6, *shape)), np.empty(shape, np.int64)
+    over_rows(trace_centres, shape[0], camera, projector, world, table, maps, keys)
+    return maps, keys
+
+
+def _refuse_below_plate(rig: RigSpec) -> None:
+    aim, position = np.array(rig.projector.aim_mm), np.array(rig.projector.position_mm)
+    if math.hypot(*(aim - position[:2])) > 10 * position[2]:
+        raise FringecalError(
+            f"the projector at {rig.projector.position_mm} mm grazes the plate; bring it above 6 deg of elevation"
+        )
+
+
+def _light(rig: RigSpec, lamp: np.ndarray, *, fringes: bool) -> Light:
+    camera, light = rig.camera, rig.light
+    share = light.mid_grey / (1 + light.ambient) if fringes else light.room_grey
+    whole = light.mid_grey if fringes else light.room_grey
+    # The stated grey is what the sensor delivers: undo its response, keep ambient's share.
+    linear = camera.white_level * whole ** (1 / camera.gamma) * share / whole
+    gradient = (light.room_gradient[0] / camera.width_px, light.room_gradient[1] / camera.height_px)
+    half_diagonal_px = math.hypot(camera.width_px, camera.height_px) / 2
+    r2 = float(np.sum(np.square(rig.projector.position_mm)))
+    irradiance = rig.projector.position_mm[2] / r2**1.5
+    steps = true_steps_rad(rig.steps, camera.width_px, camera.height_px)
+    return Light(
+        fringes, harmonics(rig), steps, lamp, light.ambient, light.shading, irradiance, linear,
+        gradient, camera.vignetting, half_diagonal_px, image_centre(camera),
+    )  # fmt: skip
+
+
+def _edges(rig: RigSpec, keys: np.ndarray, print_mm: np.ndarray) -> np.ndarray:
+    """Pixels that an edge may pass: a neighbour sees another surface or light, or ink ends within reach."""
+    same = ndimage.minimum_filter(keys, 3) == ndimage.maximum_filter(keys, 3)
+    # An edge crosses a pixel only within half its diagonal of the centre; tilt and distortion
+    # stretch pixels by far less than the margin up to one whole pixel.
+    return ~same | (print_mm < rig.camera.scale_mm_per_px)
+
+
+def _gauss() -> np.ndarray:
+    t = 0.5 / math.sqrt(3)
+    return np.array([(a, b) for a in (-t, t) for b in (-t, t)])
+
+
+def _lattice(n: int) -> np.ndarray:
+    """Fibonacci lattice over a pixel: each axis sees `n` evenly spaced points."""
+    i = np.arange(n)
+    return np.column_stack([(i + 0.5) / n - 0.5, ((i * FIBONACCI[n]) % n + 0.5) / n - 0.5])
+
+
+def _texture(surface: SurfaceSpec) -> Texture:
+    rng = np.random.default_rng([surface.seed, TEXTURE_CELLS])
+    tables = rng.standard_normal((2, TEXTURE_CELLS, TEXTURE_CELLS))
+    # Spline smoothing over one cell rounds the corners of bilinear interpolation; unit variance after it.
+    tables[0] = ndimage.gaussian_filter(tables[0], 1.0, mode="wrap")
+    tables[0] /= tables[0].std()
+    smooth, speckle = (np.pad(table, (0, 1), mode="wrap") for table in tables)
+    return Texture(surface.smooth * smooth, surface.smooth_mm, surface.speckle * speckle, surface.speckle_mm)
+
+
+def _blurred(levels: np.ndarray, rig: RigSpec) -> np.ndarray:
+    if rig.camera.defocus_px == 0:
+        return levels
+    return ndimage.gaussian_filter(levels, (0, rig.camera.defocus_px, rig.camera.defocus_px), mode="nearest")
+
+
+def _frames(rig: RigSpec, frames: np.ndarray, maps: np.ndarray, keys: np.ndarray, light: Light) -> Frames:
+    x, y, z, phase, cosine, _ = maps
+    lit = keys % 2 == 1
+    received = lit.astype(float)
+    if light.shading:
+        lamp = rig.projector.position_mm
+        received = cosine / ((lamp[0] - x) ** 2 + (lamp[1] - y) ** 2 + (lamp[2] - z) ** 2) / light.irradiance
+    modulation = light.scale * received * abs(light.harmonics[1])
+    return Frames(frames, x, y, z, phase, lit, modulation, keys // 2)
