@@ -13,6 +13,7 @@ from fringecal.phase.unwrap import unwrap
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import height_model
 from fringecal.reconstruct.order import decide_pieces
+from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivities
 
 Array = NDArray[np.float64]
 
@@ -38,11 +39,9 @@ class HeightMap:
         Combined standard uncertainty of z in mm.
     u_random
         Its random part: independent from pixel to pixel.
-    sensitivities
-        Its systematic parts: the change of z by one standard uncertainty of each cause, shape (K, H, W); the
-        same sign everywhere counts fully in a mean.
-    causes
-        Names of those K causes.
+    systematic
+        Its systematic parts: the change of z by one standard uncertainty of each cause; what has the same sign
+        everywhere counts fully in a mean.
     reasons
         `Reason` bits, 0 where valid.
     """
@@ -52,9 +51,13 @@ class HeightMap:
     z: Array
     u_z: Array
     u_random: Array
-    sensitivities: NDArray[np.float32]
-    causes: tuple[str, ...]
+    systematic: Sensitivities
     reasons: NDArray[np.uint8]
+
+    @property
+    def sensitivities(self) -> NDArray[np.float32]:
+        """Maps of the systematic parts, shape (K, H, W), 0 where masked."""
+        return np.nan_to_num(self.systematic.maps(self.z))
 
     @property
     def mask(self) -> NDArray[np.bool_]:
@@ -69,7 +72,9 @@ class HeightMap:
         w = np.where(self.mask, weights, 0.0)
         w = w / w.sum()
         random = float(np.sum((w * np.where(self.mask, self.u_random, 0.0)) ** 2))
-        common = np.array([float(np.sum(w * np.where(self.mask, c, 0.0))) for c in self.sensitivities])
+        common = np.array(
+            [float(np.nansum(w * self.systematic.map(k, self.z))) for k in range(len(self.systematic.causes))]
+        )
         return math.sqrt(random + float(common @ common))
 
 
@@ -106,7 +111,7 @@ def absolute_phase(
     plate = calibration.model.phase(rays.ax, rays.ay, 0.0)
     step = np.angle(np.exp(1j * (phase_map.phase - plate)))
     valid = phase_map.valid & np.isfinite(plate)
-    unwrapped = unwrap(step.astype(np.float64), valid, quality=phase_map.modulation)
+    unwrapped = unwrap(step, valid)
     gx, gy, gz = calibration.model.gradient(rays.ax, rays.ay, 0.0)
     pieces = decide_pieces(
         unwrapped.phase,
@@ -163,13 +168,19 @@ def height_of_phase(
     reasons[(reasons == 0) & ~np.isfinite(z)] |= int(Reason.NO_RAY)
     z = np.where(reasons == 0, z, np.nan)
     random = np.abs(_slope(calibration, phase, rays, model)) * phase.sigma_rad
-    sensitivities = _sensitivities(calibration, phase, z, model)
-    u_z = np.sqrt(random**2 + np.sum(sensitivities.astype(float) ** 2, axis=0))
+    systematic = height_sensitivities(calibration, _range_of(z), model=model)
+    u_z = np.sqrt(random**2 + systematic.variance(z))
     x, y = rays.at(z)
-    blank = reasons != 0
-    random = np.where(blank, np.nan, random)
-    causes = tuple(mode.label for mode in calibration.modes)
-    return HeightMap(x, y, z, np.where(blank, np.nan, u_z), random, sensitivities, causes, reasons)
+    return HeightMap(x, y, z, u_z, np.where(reasons == 0, random, np.nan), systematic, reasons)
+
+
+def _range_of(z: Array) -> tuple[float, float]:
+    """Heights between which nearly all of a surface lies."""
+    known = z[np.isfinite(z)]
+    if known.size == 0:
+        return 0.0, 1.0
+    low, high = np.quantile(known[:: max(1, known.size // 100_000)], [0.001, 0.999])
+    return float(low), float(high)
 
 
 def _slope(calibration: RigCalibration, phase: ObjectPhase, rays: Rays, model: str) -> Array:
@@ -177,15 +188,3 @@ def _slope(calibration: RigCalibration, phase: ObjectPhase, rays: Rays, model: s
     step = 1e-3
     height = height_model(calibration, model).height
     return (height(phase.phase_rad + step, rays) - height(phase.phase_rad - step, rays)) / (2 * step)
-
-
-def _sensitivities(
-    calibration: RigCalibration, phase: ObjectPhase, z: Array, model: str
-) -> NDArray[np.float32]:
-    """Change of z under one standard uncertainty of each cause."""
-    maps = np.zeros((len(calibration.modes), *z.shape), dtype=np.float32)
-    for k, mode in enumerate(calibration.modes):
-        moved = calibration.shifted(mode)
-        change = height_model(moved, model).height(phase.phase_rad, moved.camera.pixel_rays()) - z
-        maps[k] = np.where(np.isfinite(change), change, 0.0)
-    return maps

@@ -1,0 +1,63 @@
+"""The camera from its grid picture: crossings, ray model on the plate, the thesis's tables, distortion test."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
+from fringecal.detect.grid import GridDetection, find_grid
+from fringecal.errors import SessionError
+from fringecal.session import Capture, Session
+from fringecal.targets import LineGrid
+from fringecal.targets.geometry import grid_points_mm
+from fringecal.uncertainty.estimates import Estimate
+
+
+@dataclass(frozen=True)
+class CameraFindings:
+    """What the grid picture says of the camera."""
+
+    capture: Capture
+    target: LineGrid
+    detection: GridDetection
+    fit: CameraFit
+
+    @property
+    def scales(self) -> dict[str, Estimate]:
+        """Scale on the plate at the image centre, mm/px: mean, horizontal and vertical."""
+        return {name: self.fit.camera.scale(name) for name in ("mean", "horizontal", "vertical")}
+
+
+def measure_camera(session: Session) -> CameraFindings:
+    """Find the grid in its picture and fit the camera on the plate.
+
+    Raises
+    ------
+    SessionError
+        The grid's target is no line grid.
+    DetectionError, FitError
+        No grid shows, or it does not determine the camera.
+    """
+    capture = session.one("grid")
+    if not isinstance(capture.target, LineGrid):
+        raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
+    detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
+    return CameraFindings(capture, capture.target, detection, fit_camera(session, capture.target, detection))
+
+
+def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> CameraFit:
+    """Fit the camera to a detected grid with what the session states of it."""
+    known = session.camera
+    x, y = grid_points_mm(detection.column, detection.row, target.pitch_mm.values[0])
+    height = None
+    if known.height_mm is not None:
+        height = known.height_mm.estimate("camera height", "mm")
+    return fit_plate_camera(
+        np.column_stack([detection.u_px, detection.v_px]),
+        np.column_stack([x, y]),
+        detection.shape,
+        pitch_rel_u=target.pitch_mm.us[0] / target.pitch_mm.values[0],
+        sigma_px=detection.sigma_px,
+        height_mm=height,
+        telecentric=known.telecentric,
+    )

@@ -1,0 +1,256 @@
+"""Commission a rig: grid, plate and strips in; camera, rig model, projection angle and their budgets out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera.plate import PlateCamera
+from fringecal.camera.plate_fit import CameraFit
+from fringecal.detect.grid import GridDetection
+from fringecal.errors import FitError, SessionError
+from fringecal.phase.unwrap import unwrap
+from fringecal.procedures.camera import CameraFindings, measure_camera
+from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.projection.angle import (
+    ProjectorPosition,
+    angle_estimate,
+    fringe_pitch_mm,
+    theoretical_angle,
+)
+from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
+from fringecal.projection.columns import ColumnAngle, column_angles
+from fringecal.projection.fit import PhasePoints, RigFit
+from fringecal.projection.order import OrderDecision, decide_order
+from fringecal.projection.strips import StripPhase, measure_strips
+from fringecal.session import Capture, Session
+from fringecal.targets import Strips
+from fringecal.uncertainty.estimates import Estimate
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+_POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
+_BLOCK_PX = 24  # side of the blocks of neighbours whose residuals hang together
+_COLUMNS = 9
+
+
+@dataclass(frozen=True)
+class Commissioning:
+    """Everything that commissioning a rig has found, in the order in which it was found."""
+
+    session: Session
+    camera: CameraFindings
+    reference: CapturePhase
+    strips_capture: CapturePhase
+    strips: StripPhase
+    orders: dict[float, OrderDecision]
+    observations: Observations
+    calibration: RigCalibration
+    fit: RigFit
+    angle: Estimate
+    angle_budget: dict[str, float]
+    apparent: Estimate
+    theory: Estimate | None
+    pitch_mm: float
+    columns: tuple[ColumnAngle, ...]
+    plate_phase_rad: Array
+
+    @property
+    def camera_fit(self) -> CameraFit:
+        """The camera on the plate as the grid gives it."""
+        return self.camera.fit
+
+    @property
+    def detection(self) -> GridDetection:
+        """The grid as found in its picture."""
+        return self.camera.detection
+
+
+def commission(session: Session, *, progress: Progress = lambda _: None) -> Commissioning:
+    """Calibrate a rig from a session that holds a grid, the bare plate and strips.
+
+    Parameters
+    ----------
+    session
+        A checked session with captures of kind grid, reference and strips.
+    progress
+        Called with a short sentence before each step.
+
+    Raises
+    ------
+    SessionError
+        A capture that is needed is missing.
+    DetectionError, PhaseError, FitError
+        What the pictures do not show or determine, with the reason.
+    """
+    _demand(session, "grid", "reference", "strips")
+    progress("finding the grid and fitting the camera")
+    camera = measure_camera(session)
+    progress("phase of the bare plate")
+    reference = phase_of_capture(session.one("reference"), plate=True)
+    plate_phase = _whole_plate(reference)
+    progress("phase of the strips")
+    capture = session.one("strips")
+    strips_capture = phase_of_capture(capture, like=reference)
+    target = _strips_target(capture)
+    scale = camera.fit.camera.scale("mean").value
+    strips = measure_strips(reference.map, strips_capture.map, target, scale)
+    stated = projector_of(session)
+    near = None if stated is None else stated.value_mm
+    progress("fringe order of the strips")
+    observations, orders = _observations(camera.fit.camera, plate_phase, reference, strips, near)
+    progress("joint fit of the rig")
+    noise = float(np.nanmedian(reference.map.sigma[reference.map.valid]))
+    calibration, fit = calibrate_rig(
+        observations, camera.fit, projector_near=near, phase_sigma_rad=noise, progress=progress
+    )
+    progress("projection angle column by column")
+    return _angles(session, camera, reference, strips_capture, strips, orders, observations, calibration, fit, plate_phase)
+
+
+def _demand(session: Session, *kinds: str) -> None:
+    missing = [kind for kind in kinds if not session.find(kind)]
+    if missing:
+        raise SessionError(
+            [f"no capture of kind {kind!r}: commissioning needs one; add it to session.toml" for kind in missing]
+        )
+
+
+def _strips_target(capture: Capture) -> Strips:
+    if not isinstance(capture.target, Strips):
+        raise SessionError([f"capture {capture.name!r}: its target is no set of strips; name one"])
+    return capture.target
+
+
+def projector_of(session: Session) -> ProjectorPosition | None:
+    """Return the stated position of the projector, if the session states one."""
+    if session.projector is None:
+        return None
+    position = session.projector.position_mm
+    return ProjectorPosition(position.array(3), position.u_array(3))
+
+
+def _whole_plate(reference: CapturePhase) -> Array:
+    """Unwrapped phase of the bare plate, NaN outside its largest connected piece."""
+    pieces = unwrap(reference.map.phase, reference.map.valid)
+    sizes = np.bincount(pieces.pieces.ravel())
+    sizes[0] = 0
+    if sizes.max(initial=0) < 0.05 * pieces.pieces.size:
+        raise FitError(
+            f"Only {100 * reference.map.valid.mean():.0f} % of the reference picture carries fringes: more light, less "
+            "ambient light, or a focus of the projector on the plate is needed."
+        )
+    return np.where(pieces.pieces == int(np.argmax(sizes)), pieces.phase, np.nan)
+
+
+def _observations(
+    camera: PlateCamera,
+    plate_phase: Array,
+    reference: CapturePhase,
+    strips: StripPhase,
+    projector_near: Array | None,
+) -> tuple[Observations, dict[float, OrderDecision]]:
+    """Gather plate and strips, each strip height with the fringe order that the evidence gives it."""
+    picked = [_picked(np.isfinite(plate_phase), plate_phase)]
+    heights = [Estimate(0.0, 0.0, "mm", "plate")]
+    plate = _points(camera, picked[0], 0.0)
+    orders: dict[float, OrderDecision] = {}
+    absolute = plate_phase + strips.step_rad
+    for height, labels in strips.groups().items():
+        inside = np.isin(strips.regions.labels, labels) & np.isfinite(absolute)
+        points = _picked(inside, absolute)
+        decision = decide_order(plate, _points(camera, points, height), projector_mm=projector_near)
+        orders[height] = decision
+        u, v, phase, cluster = points
+        picked.append((u, v, phase + 2 * np.pi * decision.order, cluster))
+        heights.append(strips.heights_mm[labels[0] - 1])
+    columns = list(zip(*picked, strict=True))
+    return Observations(*(tuple(c) for c in columns), height_mm=tuple(heights)), orders
+
+
+type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
+
+
+def _picked(inside: NDArray[np.bool_], phase: Array) -> Picked:
+    """Take pixels spread evenly over a region, with the number of the block each lies in."""
+    v, u = np.nonzero(inside)
+    # A fixed stride over the raster would walk along columns: a seeded draw has no such beat with fringes.
+    chosen = np.sort(np.random.default_rng(2008).permutation(v.size)[:_POINTS])
+    v, u = v[chosen], u[chosen]
+    cluster = (v // _BLOCK_PX) * 100_000 + u // _BLOCK_PX
+    return u.astype(float), v.astype(float), phase[v, u], cluster.astype(np.intp)
+
+
+def _points(camera: PlateCamera, picked: Picked, z_mm: float) -> PhasePoints:
+    u, v, phase, cluster = picked
+    return PhasePoints(camera.rays(u, v), z_mm, phase, cluster)
+
+
+def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning found
+    session: Session,
+    camera: CameraFindings,
+    reference: CapturePhase,
+    strips_capture: CapturePhase,
+    strips: StripPhase,
+    orders: dict[float, OrderDecision],
+    observations: Observations,
+    calibration: RigCalibration,
+    fit: RigFit,
+    plate_phase: Array,
+) -> Commissioning:
+    angle, budget = angle_estimate(calibration)
+    apparent, _ = angle_estimate(calibration, apparent=True)
+    stated = projector_of(session)
+    return Commissioning(
+        session=session,
+        camera=camera,
+        reference=reference,
+        strips_capture=strips_capture,
+        strips=strips,
+        orders=orders,
+        observations=observations,
+        calibration=calibration,
+        fit=fit,
+        angle=angle,
+        angle_budget=budget,
+        apparent=apparent,
+        theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
+        pitch_mm=float(fringe_pitch_mm(calibration.model)),
+        columns=_columns(strips, observations, calibration, budget, stated),
+        plate_phase_rad=plate_phase,
+    )
+
+
+def _columns(
+    strips: StripPhase,
+    observations: Observations,
+    calibration: RigCalibration,
+    budget: dict[str, float],
+    stated: ProjectorPosition | None,
+) -> tuple[ColumnAngle, ...]:
+    """Angles at strip centres where strips run along columns, else at columns spread over the picture."""
+    upright = abs(strips.regions.direction_deg - 90) < 45
+    seen = np.array(strips.regions.seen) - 1
+    if upright:
+        centres = strips.regions.edges_px[seen].mean(axis=1)
+        half = float(np.ptp(strips.regions.edges_px[seen], axis=1).mean()) / 2
+        middle = strips.regions.across_px.shape[0] / 2 * np.cos(np.radians(strips.regions.direction_deg))
+        columns = centres - middle
+    else:
+        width = strips.step_rad.shape[1]
+        columns = np.linspace(0.1, 0.9, _COLUMNS) * width
+        half = 0.02 * width
+    systematic = np.sqrt(sum(c**2 for label, c in budget.items() if label != "phase scatter"))
+    surfaces = observations.surfaces(calibration.camera)
+    largest = max(range(1, len(surfaces)), key=lambda i: surfaces[i].phase_rad.size)
+    return column_angles(
+        calibration,
+        surfaces[largest],
+        columns,
+        observations.u_px[largest],
+        half_width_px=half,
+        systematic_deg=float(systematic),
+        projector=stated,
+    )

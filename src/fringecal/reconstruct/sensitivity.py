@@ -1,0 +1,121 @@
+"""Systematic uncertainty of a height map: how z moves with each cause, as smooth functions of (u, v, z).
+
+The change of z under one standard uncertainty of a cause varies slowly over the field and with height, so it is
+sampled on a coarse lattice and kept as a polynomial: exact to far better than an uncertainty needs, at a
+hundredth of the time and memory of one full map per cause.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.camera.plate import Rays
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.models import height_model
+
+Array = NDArray[np.float64]
+
+_NODES = 13  # lattice nodes along each picture axis
+_DEGREE = 7  # of the polynomial along each picture axis
+_HEIGHTS = 4  # height levels, and one more than the degree in z
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Change of z in mm under one standard uncertainty of each cause, as a function of pixel and height.
+
+    Parameters
+    ----------
+    causes
+        Names of the K causes; a name may stand more than once (independent parts of one cause).
+    coefficients
+        Chebyshev coefficients, shape (K, degrees in z, degrees in v, degrees in u).
+    shape
+        Image shape (rows, columns).
+    z_range_mm
+        Heights between which the polynomial was sampled.
+    """
+
+    causes: tuple[str, ...]
+    coefficients: Array
+    shape: tuple[int, int]
+    z_range_mm: tuple[float, float]
+
+    def maps(self, z_mm: ArrayLike) -> NDArray[np.float32]:
+        """Return one map per cause for heights z, shape (K, H, W); NaN where z is NaN."""
+        z = np.asarray(z_mm, float)
+        return np.stack([self.map(k, z) for k in range(len(self.causes))]).astype(np.float32)
+
+    def map(self, cause: int, z_mm: Array) -> Array:
+        """Return the map of one cause, by its number."""
+        along_v, along_u = self._bases()
+        levels = np.stack([along_v @ c @ along_u.T for c in self.coefficients[cause]])
+        return chebyshev.chebval(self._unit_height(z_mm), levels, tensor=False)
+
+    def variance(self, z_mm: ArrayLike) -> Array:
+        """Return the systematic variance of z in mm^2 as a map."""
+        z = np.asarray(z_mm, float)
+        total = np.zeros(self.shape)
+        for k in range(len(self.causes)):
+            total += self.map(k, z) ** 2
+        return total
+
+    def _unit_height(self, z: Array) -> Array:
+        low, high = self.z_range_mm
+        return np.clip((2 * z - low - high) / (high - low), -1.2, 1.2)
+
+    def _bases(self) -> tuple[Array, Array]:
+        degree = self.coefficients.shape[2] - 1
+        rows, columns = (np.linspace(-1, 1, n) for n in self.shape)
+        return chebyshev.chebvander(rows, degree), chebyshev.chebvander(columns, degree)
+
+
+def height_sensitivities(
+    calibration: RigCalibration, z_range_mm: tuple[float, float], *, model: str = "projective"
+) -> Sensitivities:
+    """Sample how z moves under each cause of the calibration's uncertainty.
+
+    Parameters
+    ----------
+    calibration
+        The rig with its modes.
+    z_range_mm
+        Lowest and highest height of interest; widened to 1 mm where it is narrower.
+    model
+        Name of a height model.
+    """
+    low, high = z_range_mm
+    middle, half = (low + high) / 2, max((high - low) / 2, 0.5)
+    shape = (calibration.camera.height_px, calibration.camera.width_px)
+    v, u = (np.rint((1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) / 2 * (n - 1)) for n in shape)
+    uu, vv = np.meshgrid(u, v)
+    rays = calibration.camera.rays(uu, vv)
+    levels = middle + half * np.cos(np.pi * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS)
+    changes = [_changes(calibration, model, z, uu, vv, rays) for z in levels]
+    samples = np.stack(changes, axis=1)
+    coefficients = _fitted(samples, (levels - middle) / half, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
+    causes = tuple(mode.label for mode in calibration.modes)
+    return Sensitivities(causes, coefficients, shape, (middle - half, middle + half))
+
+
+def _changes(calibration: RigCalibration, model: str, z: float, u: Array, v: Array, rays: Rays) -> Array:
+    """Change of z at one height level by every mode, shape (K, nodes, nodes)."""
+    x, y = rays.at(z)
+    phase = calibration.model.phase(x, y, z)
+    base = height_model(calibration, model).height(phase, rays)
+    rows = []
+    for mode in calibration.modes:
+        moved = calibration.shifted(mode)
+        change = height_model(moved, model).height(phase, moved.camera.rays(u, v)) - base
+        rows.append(np.where(np.isfinite(change), change, 0.0))
+    return np.stack(rows) if rows else np.zeros((0, *u.shape))
+
+
+def _fitted(samples: Array, s: Array, v: Array, u: Array) -> Array:
+    """Least-squares Chebyshev coefficients of samples (K, levels, rows, columns)."""
+    inverse_z = np.linalg.pinv(chebyshev.chebvander(s, _HEIGHTS - 1))
+    inverse_v = np.linalg.pinv(chebyshev.chebvander(v, _DEGREE))
+    inverse_u = np.linalg.pinv(chebyshev.chebvander(u, _DEGREE))
+    return np.einsum("ai,bj,cl,kijl->kabc", inverse_z, inverse_v, inverse_u, samples, optimize=True)
