@@ -1,1 +1,1 @@
-"""Pixels only: lines, crossings and strips found in a picture, each with its sigma."""
+"""Pixels only: grid lines and their crossings, boards, strips in a picture."""

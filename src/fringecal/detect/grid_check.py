@@ -1,0 +1,168 @@
+"""Is it a line grid? Choice among candidate lattices, and plain refusal of what only resembles one."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from fringecal.detect.grid_nodes import along, edges_between
+from fringecal.detect.grid_seeds import CoarseGrid
+from fringecal.detect.line_points import cut_patches, measure_points
+from fringecal.detect.line_profile import LineProfile
+from fringecal.errors import DetectionError
+
+FloatArray = npt.NDArray[np.float64]
+
+# Part of the lattice's edges along which a line is seen: near 1 for a grid, about 1/2 for false lattices.
+MIN_PRESENT = 0.6
+MIN_RELATIVE_EDGE = 0.2
+MAX_CANDIDATE_EDGES = 800
+MIN_PATTERN = 25
+MAX_RELATIVE_WIDTH = 0.55
+MIN_MIDDLE_CONTRAST = 0.6
+
+
+def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -> CoarseGrid:
+    """Choose the candidate lattice with most edges that are lines.
+
+    Raises
+    ------
+    DetectionError
+        If no candidate has lines along most of its edges; names a chessboard or dots.
+    """
+    best, best_score = None, 0.0
+    for candidate in candidates:
+        present, contrast = _line_evidence(grey, candidate)
+        # Contrast and whole cells in the score: extrema within the cells form lattices too, but on faint
+        # ghosts of lines; and points half-way along the lines form one of half the spacing without cells.
+        score = present * contrast * _whole_cells(_dense(candidate))
+        if present > MIN_PRESENT and score > best_score:
+            best, best_score = candidate, score
+    if best is None:
+        what = _largest_pattern(grey, candidates)
+        raise DetectionError(
+            f"no line grid found: {what}; photograph grid paper square-on, its lines 6 to 120 px apart, in focus"
+        )
+    return best
+
+
+def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -> str:
+    """Say what the largest lattice of extrema might be, if there is a large one."""
+    if not candidates or candidates[0].lattice.column.size < MIN_PATTERN:
+        return "no regular pattern of crossings"
+    return f"the picture shows {_other_pattern(grey, _dense(candidates[0]), candidates[0].sign)}"
+
+
+def _dense(candidate: CoarseGrid) -> FloatArray:
+    lattice = candidate.lattice
+    nodes = np.full((lattice.row.max() + 1, lattice.column.max() + 1, 2), np.nan)
+    nodes[lattice.row, lattice.column] = np.stack([lattice.u_px, lattice.v_px], axis=1)
+    return nodes
+
+
+def _whole_cells(nodes: FloatArray) -> int:
+    """Number of cells with all four corners known."""
+    known = np.isfinite(nodes[..., 0])
+    return int((known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]).sum())
+
+
+def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[float, float]:
+    """Part of the edges with a line all along their middle, and its median contrast: the weaker family's."""
+    nodes = _dense(candidate)
+    full = candidate.sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
+    present, typical = 1.0, np.inf
+    for family in (0, 1):
+        edges = edges_between(nodes, family)
+        if len(edges.line) < 4 or full <= 0:
+            return 0.0, 0.0
+        pick = np.unique(np.linspace(0, len(edges.line) - 1, MAX_CANDIDATE_EDGES).astype(int))
+        ends = edges.start[pick], edges.end[pick]
+        contrast = _edge_contrast(np.float32(candidate.sign) * grey, *ends, edges.spacing[pick])
+        present = min(present, float(np.mean(contrast > MIN_RELATIVE_EDGE * full)))
+        typical = min(typical, float(np.median(contrast)))
+    return present, typical
+
+
+def _edge_contrast(
+    bright: npt.NDArray[np.float32], start: FloatArray, end: FloatArray, spacing: FloatArray
+) -> FloatArray:
+    """Brightness on an edge less that 3/8 of the spacing beside it, the least of three thirds of its middle."""
+    step = end - start
+    normal = np.stack([-step[:, 1], step[:, 0]], axis=1)
+    normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
+    across = np.array([-0.4, -0.35, -0.3, -0.1, -0.05, 0.0, 0.05, 0.1, 0.3, 0.35, 0.4])
+    thirds = []
+    for third in ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7)):
+        sections = np.mean(
+            [
+                _sampled(bright, (start + t * step)[:, None, :] + across[None, :, None] * normal[:, None, :])
+                for t in third
+            ],
+            axis=0,
+        )
+        beside = 0.5 * (sections[:, :3].mean(axis=1) + sections[:, -3:].mean(axis=1))
+        thirds.append(sections[:, 3:8].max(axis=1) - beside)
+    return np.min(thirds, axis=0)
+
+
+def _sampled(grey: npt.NDArray[np.float32], at: FloatArray) -> FloatArray:
+    """Picture at points (n, m, 2), bilinear."""
+    u, v = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
+    return cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
+
+
+def _half_cell(nodes: FloatArray) -> FloatArray:
+    """Step from a node to the middle of a cell beside it, px."""
+    return 0.5 * (along(nodes, 0) + along(nodes, 1))
+
+
+def _brightness(grey: npt.NDArray[np.float32], at: FloatArray) -> float:
+    """Median brightness at the known ones of the points (rows, columns, 2)."""
+    known = at[np.isfinite(at[..., 0])]
+    pick = np.unique(np.linspace(0, len(known) - 1, MAX_CANDIDATE_EDGES).astype(int))
+    return float(np.median(_sampled(grey, known[pick][None])))
+
+
+def refuse_other_patterns(
+    grey: npt.NDArray[np.float32], nodes: FloatArray, profile: LineProfile, sign: int
+) -> None:
+    """Refuse chessboards and dots: between their extrema the 'line' is too wide, or pinched in the middle.
+
+    Raises
+    ------
+    DetectionError
+        Naming what the picture shows instead of a line grid.
+    """
+    for family in (0, 1):
+        edges = edges_between(nodes, family)
+        spacing = float(np.median(edges.spacing))
+        middle = _middle_contrast(grey, nodes, family, profile, sign)
+        if middle < MIN_MIDDLE_CONTRAST or profile.width_px > MAX_RELATIVE_WIDTH * spacing:
+            raise DetectionError(f"no line grid found: the picture shows {_other_pattern(grey, nodes, sign)}")
+
+
+def _middle_contrast(
+    grey: npt.NDArray[np.float32], nodes: FloatArray, family: int, profile: LineProfile, sign: int
+) -> float:
+    """Contrast of the lines mid-way between crossings relative to that nearer to them (1 if unresolved)."""
+    edges = edges_between(nodes, family)
+    patches = cut_patches(edges.start, edges.end, edges.spacing, profile)
+    count = np.bincount(patches.edge, minlength=len(edges.line))[patches.edge]
+    if np.median(count) < 3:
+        return 1.0
+    points = measure_points(grey, patches, profile, sign)
+    middle = 0.5 * (edges.start + edges.end)[patches.edge]
+    away = np.hypot(*(patches.centre - middle).T) / (count * patches.half_length)
+    inner, outer = points.contrast[away < 0.4], points.contrast[away > 0.6]
+    if not inner.size or not outer.size or np.median(outer) <= 0:
+        return 1.0
+    return float(np.median(inner) / np.median(outer))
+
+
+def _other_pattern(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) -> str:
+    """Name a periodic pattern that is not a line grid, by the brightness between its extrema."""
+    node, cell = _brightness(grey, nodes), _brightness(grey, nodes + _half_cell(nodes))
+    if sign * (node - cell) <= 0:
+        return "a periodic pattern without lines"
+    edge = np.mean([_brightness(grey, nodes + 0.5 * along(nodes, family)) for family in (0, 1)])
+    part = (edge - node) / (cell - node)
+    return "a chessboard (use find_chessboard)" if part < 0.75 else "a pattern of dots (use find_dots)"

@@ -1,0 +1,220 @@
+"""Sub-pixel points along a ruled line: least squares on the pixels of short patches beside the crossings."""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit, prange
+
+from fringecal.detect.line_profile import TABLE_STEP_PX, LineProfile
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# A patch this long keeps the bow of a strongly bent line (radius 2000 px) below 0.003 px on average.
+PATCH_LENGTH_PX = 9.0
+MAX_PATCHES = 12
+ITERATIONS = 5
+CONVERGED_PX = 1e-5
+# Lines weaker than this multiple of their own uncertainty are not told from noise.
+MIN_SIGNIFICANCE = 5.0
+
+
+class LineStatus(IntEnum):
+    """Why a point of a line may not be used; OK where it may."""
+
+    OK = 0
+    OUTSIDE = 1
+    MISSING = 2
+    OUTLIER = 3
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Where to look for a line: centres, unit directions and half sizes of rectangles, px, and their edge."""
+
+    centre: FloatArray
+    direction: FloatArray
+    half_length: FloatArray
+    half_width: FloatArray
+    edge: IntArray
+
+
+@dataclass(frozen=True)
+class LinePoints:
+    """Measured points of lines: position, u across the line, contrast (grey levels), status, edge; all (n,)."""
+
+    u_px: FloatArray
+    v_px: FloatArray
+    sigma_px: FloatArray
+    contrast: FloatArray
+    status: npt.NDArray[np.int64]
+    edge: IntArray
+
+
+def cut_patches(
+    start: FloatArray, end: FloatArray, spacing: FloatArray, profile: LineProfile, *, clear_end: bool = True
+) -> Patches:
+    """Divide edges into patches that keep clear of the crossing lines at their ends.
+
+    Parameters
+    ----------
+    start, end
+        Ends of the edges, px, (n, 2) as (u, v).
+    spacing
+        Distance to the neighbouring lines of the same family, px, (n,).
+    profile
+        Cross-section of the lines.
+    clear_end
+        Whether a crossing line lies at `end` too (not so for a stub that leaves the grid).
+    """
+    along = end - start
+    length = np.hypot(along[:, 0], along[:, 1])
+    margin = np.minimum(profile.reach_px + 0.7, 0.4 * length)
+    free = length - margin * (2 if clear_end else 1)
+    count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, MAX_PATCHES).astype(int)
+    edge = np.repeat(np.arange(len(start)), count)
+    k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    t = (margin[edge] + free[edge] * (k + 0.5) / count[edge]) / length[edge]
+    room = np.maximum(spacing - profile.reach_px, 0.5 * spacing)
+    half_width = np.minimum(profile.reach_px + 2.0 + 0.25 * profile.width_px, room)
+    return Patches(
+        start[edge] + t[:, None] * along[edge],
+        (along / length[:, None])[edge],
+        0.5 * free[edge] / count[edge],
+        half_width[edge],
+        edge,
+    )
+
+
+def measure_points(
+    image: npt.NDArray[np.float32], patches: Patches, profile: LineProfile, sign: int
+) -> LinePoints:
+    """Position of the line in every patch, by least squares on its pixels.
+
+    Parameters
+    ----------
+    image
+        Grey picture, float32, (H, W).
+    patches
+        Rectangles along the expected lines.
+    profile
+        Cross-section of the lines.
+    sign
+        -1 for dark lines, +1 for light ones.
+
+    Notes
+    -----
+    The model is ``b0 + b1 s + b2 t + A L(s - c)`` with s across and t along the line; it is solved
+    for b0, b1, b2, A and c by Gauss-Newton steps, the window moving with c. L is symmetric, so a wrong
+    width or blur cannot shift c, and the free background slope keeps shading from doing so.
+    """
+    table = profile.table(float(patches.half_width.max(initial=1.0)) + 2.0)
+    measured = _measure(
+        image,
+        patches.centre,
+        patches.direction,
+        patches.half_length,
+        patches.half_width,
+        (table, profile.reach_px, 0.5 * profile.reach_px + 1.0),
+    )
+    offset, sigma, contrast, sigma_contrast, inside = measured.T
+    normal = np.stack([-patches.direction[:, 1], patches.direction[:, 0]], axis=1)
+    point = patches.centre + offset[:, None] * normal
+    missing = ~np.isfinite(sigma) | (sign * contrast < MIN_SIGNIFICANCE * sigma_contrast)
+    missing |= np.abs(offset) > 0.6 * patches.half_width
+    status = np.where(inside < 0.5, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
+    return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
+
+
+@njit(cache=True, inline="always")
+def _clip01(x):  # type: ignore[no-untyped-def] # pragma: no cover
+    return min(max(x, 0.0), 1.0)
+
+
+@njit(cache=True)
+def _accumulate(image, frame, half, template, normal, right):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Sum the normal equations of one patch; returns (sum of weights, weighted sum of squares)."""
+    cx, cy, dx, dy = frame
+    half_length, half_width = half
+    table = template
+    reach_u = abs(dx) * (half_length + 0.5) + abs(dy) * (half_width + 0.5)
+    reach_v = abs(dy) * (half_length + 0.5) + abs(dx) * (half_width + 0.5)
+    basis = np.empty(5)
+    normal[:] = 0.0
+    right[:] = 0.0
+    weights, squares = 0.0, 0.0
+    for row in range(int(np.ceil(cy - reach_v)), int(np.floor(cy + reach_v)) + 1):
+        for column in range(int(np.ceil(cx - reach_u)), int(np.floor(cx + reach_u)) + 1):
+            t = (column - cx) * dx + (row - cy) * dy
+            s = (row - cy) * dx - (column - cx) * dy
+            w = _clip01(half_length + 0.5 - abs(t)) * _clip01(half_width + 0.5 - abs(s))
+            if w <= 0.0:
+                continue
+            place = abs(s) / TABLE_STEP_PX
+            k = int(place)
+            part = place - k
+            height = table[0, k] + part * (table[0, k + 1] - table[0, k])
+            slope = table[1, k] + part * (table[1, k + 1] - table[1, k])
+            basis[0], basis[1], basis[2], basis[3] = 1.0, height, slope if s >= 0 else -slope, t
+            basis[4] = s
+            value = image[row, column]
+            weights += w
+            squares += w * value * value
+            for a in range(5):
+                right[a] += w * basis[a] * value
+                for b in range(a + 1):
+                    normal[a, b] += w * basis[a] * basis[b]
+    for a in range(5):
+        for b in range(a):
+            normal[b, a] = normal[a, b]
+    return weights, squares
+
+
+@njit(cache=True, parallel=True)
+def _measure(image, centre, direction, half_length, half_width, template):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Rows (offset, its u, contrast, its u, 1 if inside the picture) of every patch."""
+    table, reach, step_limit = template
+    height, width = image.shape
+    out = np.zeros((len(centre), 5))
+    for p in prange(len(centre)):
+        dx, dy = direction[p, 0], direction[p, 1]
+        half = (half_length[p], half_width[p])
+        reach_u = abs(dx) * (half[0] + 0.5) + abs(dy) * (half[1] + 0.5)
+        reach_v = abs(dy) * (half[0] + 0.5) + abs(dx) * (half[1] + 0.5)
+        normal = np.empty((5, 5))
+        right = np.empty(5)
+        # A slope of the background is told from a shift of the line only beside the line.
+        size = 5 if half[1] > reach + 1.0 else 4
+        offset = 0.0
+        out[p, 1] = np.inf
+        for step in range(ITERATIONS + 1):
+            cx, cy = centre[p, 0] - offset * dy, centre[p, 1] + offset * dx
+            if cx - reach_u < 0 or cy - reach_v < 0 or cx + reach_u > width - 1 or cy + reach_v > height - 1:
+                break
+            out[p, 4] = 1.0
+            frame = (cx, cy, dx, dy)
+            weights, squares = _accumulate(image, frame, half, table, normal, right)
+            if weights < size + 2:
+                break
+            scale = np.sqrt(np.diag(normal)[:size]) + 1e-12
+            matrix = normal[:size, :size] / np.outer(scale, scale) + 1e-9 * np.eye(size)
+            inverse = np.linalg.inv(matrix) / np.outer(scale, scale)
+            solution = inverse @ right[:size]
+            contrast = solution[1]
+            if contrast == 0.0:
+                break
+            shift = -solution[2] / contrast
+            rest = max(squares - solution @ right[:size], 1e-6 * weights) / (weights - size)
+            out[p, 0] = offset
+            out[p, 1] = np.sqrt(rest * inverse[2, 2]) / abs(contrast)
+            out[p, 2] = contrast
+            out[p, 3] = np.sqrt(rest * inverse[1, 1])
+            if abs(shift) < CONVERGED_PX:
+                out[p, 0] = offset + shift
+                break
+            offset += min(max(shift, -step_limit), step_limit)
+            if abs(offset) > half[1]:
+                break
+    return out
