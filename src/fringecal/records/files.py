@@ -6,10 +6,12 @@ import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-
-import pandas as pd
+from typing import TYPE_CHECKING
 
 from fringecal.errors import RecordError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @contextlib.contextmanager
@@ -45,7 +47,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
     except OSError as error:
         raise RecordError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
-        sibling.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):  # where nothing can be made, nothing is left
+            sibling.unlink()
 
 
 def write_text(path: str | Path, text: str) -> Path:
@@ -62,7 +65,7 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
     return Path(path)
 
 
-def write_table(path: str | Path, frame: pd.DataFrame) -> Path:
+def write_table(path: str | Path, frame: "pd.DataFrame") -> Path:
     """Write a flat table as CSV with every digit; missing values are empty fields."""
     return write_text(path, frame.to_csv(index=False, lineterminator="\n"))
 

@@ -15,7 +15,9 @@ Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 class Part(BaseModel):
     """Base of all record models: frozen, no unknown keys, and no NaN or infinity anywhere."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    # "constants" keeps a NaN of a free field visible to the writer, which refuses it; the default
+    # would turn it into null without a word.
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, ser_json_inf_nan="constants")
 
 
 def _infinite_to_null(value: object) -> object:

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from fringecal.report.style import HEIGHT_MAP, new_figure, styled
 
@@ -54,7 +53,7 @@ def surface_view(
     )
     spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x, y, z)])
     axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.1)
-    axes.zaxis.set_major_locator(MaxNLocator(3))
+    axes.set_zticks([float(f"{low:.2g}"), float(f"{high:.3g}")])  # more would overlap on a flat box
     axes.view_init(elev=32, azim=-65)
     stretched = "" if exaggeration == 1 else f" ({exaggeration:g} times)"
     axes.set(xlabel="x / mm", ylabel="y / mm", zlabel=f"z / mm{stretched}", title=title)

@@ -19,8 +19,8 @@ from fringecal.report.style import RC
 # Word, sign and colour class: no reader has to tell a verdict by colour alone.
 _DECISIONS = {
     "pass": ("Pass", "✓"),
-    "conditionalPass": ("Pass, not proved beyond doubt", "✓?"),
-    "conditionalFail": ("Fail, not proved beyond doubt", "✗?"),
+    "conditionalPass": ("Conditional pass (within the guard band)", "✓?"),
+    "conditionalFail": ("Conditional fail (within the guard band)", "✗?"),
     "fail": ("Fail", "✗"),
     "info": ("For information", "i"),
 }
@@ -38,7 +38,7 @@ class _Row:
 class _TableView:
     caption: str
     note: str
-    columns: list[str]
+    columns: list[tuple[str, bool]]
     rows: list[_Row]
     csv_uri: str
     file_name: str
@@ -117,8 +117,16 @@ def _view_table(table: Table) -> _TableView:
     ]
     csv = frame.to_csv(index=False, lineterminator="\n").encode()
     name = re.sub(r"[^a-z0-9]+", "-", table.caption.lower()).strip("-")[:60] or "table"
+    columns = [
+        (head, any(number for _, number in cells)) for head, cells in zip(heads, formatted, strict=True)
+    ]
     return _TableView(
-        table.caption, table.header_note, heads, rows, _data_uri("text/csv;charset=utf-8", csv), f"{name}.csv"
+        table.caption,
+        table.header_note,
+        columns,
+        rows,
+        _data_uri("text/csv;charset=utf-8", csv),
+        f"{name}.csv",
     )
 
 
