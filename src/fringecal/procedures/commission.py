@@ -89,11 +89,11 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     progress("finding the grid and fitting the camera")
     camera = measure_camera(session)
     progress("phase of the bare plate")
-    reference = phase_of_capture(session.one("reference"), plate=True)
+    reference = phase_of_capture(session.one("reference"))
     plate_phase = _whole_plate(reference)
     progress("phase of the strips")
     capture = session.one("strips")
-    strips_capture = phase_of_capture(capture, like=reference)
+    strips_capture = phase_of_capture(capture)
     target = _strips_target(capture)
     scale = camera.fit.camera.scale("mean").value
     strips = measure_strips(reference.map, strips_capture.map, target, scale)

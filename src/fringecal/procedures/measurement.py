@@ -1,0 +1,72 @@
+"""Measure an object with a calibrated rig."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringecal.errors import FitError
+from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.verification import demand_same_picture
+from fringecal.projection.calibration import RigCalibration
+from fringecal.reconstruct.height import HeightMap, Reason, reconstruct_height
+from fringecal.session import Capture, Session
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """An object's surface, and the phase it was computed from."""
+
+    capture: Capture
+    phase: CapturePhase
+    surface: HeightMap
+    model: str
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of valid pixels and of every reason for which others were masked."""
+        reasons = self.surface.reasons
+        masked = {r.name.lower(): float(np.mean((reasons & r) > 0)) for r in Reason if r.name}
+        return {"valid": float(np.mean(self.surface.mask))} | masked
+
+
+def reconstruct(
+    session: Session,
+    capture_name: str | None,
+    calibration: RigCalibration,
+    *,
+    model: str = "projective",
+    height_range_mm: tuple[float, float] | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Measurement:
+    """Reconstruct the surface of an object capture.
+
+    Parameters
+    ----------
+    session, capture_name
+        The session, and the capture; None takes the only one of kind object.
+    calibration
+        The rig's calibration.
+    model
+        Name of a height model.
+    height_range_mm
+        Heights the object can have, where known: pixels beyond are masked.
+
+    Raises
+    ------
+    SessionError
+        No such capture, or pictures of another size.
+    PhaseError, FitError
+        No phase in the frames, or nothing whose fringe order could be decided.
+    """
+    capture = session.one("object") if capture_name is None else session.named(capture_name)
+    demand_same_picture(capture, calibration)
+    progress(f"phase of {capture.name}")
+    phase = phase_of_capture(capture)
+    progress(f"heights of {capture.name}")
+    surface = reconstruct_height(phase.map, calibration, model=model, height_range_mm=height_range_mm)
+    if not surface.mask.any():
+        raise FitError(
+            f"capture {capture.name!r}: no part of the picture could be given a fringe order, because no connected part "
+            "of it shows the plate. Leave some plate visible beside the object, or state its height range."
+        )
+    return Measurement(capture, phase, surface, model)

@@ -1,0 +1,141 @@
+"""Verify a calibrated rig on an artefact of known geometry: the zig-zag of angle bars."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import SessionError
+from fringecal.phase.demodulate import demodulate
+from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.models import HEIGHT_MODELS
+from fringecal.reconstruct.height import HeightMap, absolute_phase, height_of_phase
+from fringecal.session import Capture, Session
+from fringecal.targets import Zigzag
+from fringecal.verify.errors import ZigzagErrors, zigzag_errors
+from fringecal.verify.filters import FILTERS, FilterResult, filter_study, filtered
+from fringecal.verify.pose import ZigzagPose
+from fringecal.verify.registration import register_zigzag
+from fringecal.verify.shape import zigzag_shape
+
+Progress = Callable[[str], None]
+
+_HEADROOM = 0.35  # of the full height, added on both sides of what a bar can measure
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A zig-zag measured with a calibrated rig, against its certificate.
+
+    `models` holds the errors by height model, `filters` by combination of filters before and after the phase.
+    """
+
+    capture: Capture
+    target: Zigzag
+    phase: CapturePhase
+    surface: HeightMap
+    pose: ZigzagPose
+    errors: ZigzagErrors
+    models: dict[str, ZigzagErrors]
+    filters: tuple[FilterResult, ...]
+
+
+def verify(
+    session: Session,
+    capture_name: str | None,
+    calibration: RigCalibration,
+    *,
+    rows_px: tuple[int, ...] | None = None,
+    with_filters: bool = True,
+    progress: Progress = lambda _: None,
+) -> Verification:
+    """Measure a zig-zag and compare it with its certificate along profiles.
+
+    Parameters
+    ----------
+    session, capture_name
+        The session, and the capture of the bars; None takes the only one of kind artefact.
+    calibration
+        The rig's calibration.
+    rows_px
+        Rows of the profiles; by default the thesis's A..E, or five spread over the bars.
+    with_filters
+        Also judge every combination of median and mean filtering before and after the phase.
+
+    Raises
+    ------
+    SessionError
+        No such capture, its target is no zig-zag, or its pictures do not fit the calibration.
+    FitError
+        The surface is not the target's.
+    """
+    capture = session.one("artefact") if capture_name is None else session.named(capture_name)
+    if not isinstance(capture.target, Zigzag):
+        raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; only zig-zags are verified so far"])
+    demand_same_picture(capture, calibration)
+    progress("phase of the bars")
+    phase = phase_of_capture(capture)
+    progress("heights of the bars")
+    target, rays = capture.target, calibration.camera.pixel_rays()
+    full = zigzag_shape(target).height_mm
+    heights = (-_HEADROOM * full, (1 + _HEADROOM) * full)
+    absolute = absolute_phase(phase.map, calibration, rays, height_range_mm=heights)
+    surface = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
+    progress("registering the zig-zag")
+    pose = register_zigzag(surface, target)
+    errors = zigzag_errors(surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities)
+    progress("height models side by side")
+    models = {"projective": errors}
+    for name in HEIGHT_MODELS[:-1]:
+        other = height_of_phase(absolute, calibration, rays, model=name)
+        models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
+    filters: tuple[FilterResult, ...] = ()
+    if with_filters:
+        progress("filters ranked")
+        filters = _filter_study(phase, calibration, target, pose, heights)
+    return Verification(capture, target, phase, surface, pose, errors, models, filters)
+
+
+def demand_same_picture(capture: Capture, calibration: RigCalibration) -> None:
+    """Refuse pictures of another size than the calibration's.
+
+    Raises
+    ------
+    SessionError
+        The sizes differ.
+    """
+    size = (calibration.camera.height_px, calibration.camera.width_px)
+    if tuple(capture.shape) != size:
+        raise SessionError(
+            [
+                f"capture {capture.name!r}: pictures of {capture.shape[1]} x {capture.shape[0]} px, but the calibration "
+                f"is for {size[1]} x {size[0]} px; use pictures of the same camera, uncropped"
+            ]
+        )
+
+
+def _filter_study(
+    phase: CapturePhase,
+    calibration: RigCalibration,
+    target: Zigzag,
+    pose: ZigzagPose,
+    heights: tuple[float, float],
+) -> tuple[FilterResult, ...]:
+    """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
+    rays = calibration.camera.pixel_rays()
+    surfaces = {}
+    for name in FILTERS:
+        frames = _filtered_frames(phase.capture.read_set(), name)
+        phase_map = demodulate(frames, phase.steps_rad, white_level=phase.capture.white_level)
+        absolute = absolute_phase(phase_map, calibration, rays, height_range_mm=heights)
+        surfaces[name] = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
+    return filter_study(surfaces, target, pose)
+
+
+def _filtered_frames(frames: NDArray[np.generic], name: str) -> NDArray[np.generic]:
+    """Filter each frame and round back to the camera's integers, as the thesis did."""
+    if name == "none":
+        return frames
+    return np.stack([np.rint(filtered(frame, name)).astype(frames.dtype) for frame in frames])
