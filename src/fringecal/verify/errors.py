@@ -8,6 +8,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
+from fringecal.targets.models import Zigzag
 from fringecal.uncertainty.systematic import combined_map, mean_uncertainty
 from fringecal.verify.bands import Band, band_errors
 from fringecal.verify.diagnosis import ErrorTerm, error_sentence, error_terms
@@ -18,7 +19,6 @@ from fringecal.verify.shape import (
     Floats,
     Surface,
     ZigzagShape,
-    ZigzagTarget,
     reference_sensitivities,
     zigzag_shape,
 )
@@ -87,7 +87,7 @@ class ZigzagErrors:
     axis
         "row" or "column": the direction of the profiles in the picture.
     edge_zone_mm
-        Left out on each side of every ridge and valley, measured on the plate.
+        Left out on each side of every ridge and valley, and at the ends; measured on the plate.
     profiles, pooled; profiles_with_edges, pooled_with_edges
         The profiles and all their pixels together, without and with the edge zones.
     area
@@ -139,7 +139,7 @@ class ZigzagErrors:
 
 def zigzag_errors(
     surface: Surface,
-    target: ZigzagTarget | ZigzagShape,
+    target: Zigzag | ZigzagShape,
     pose: ZigzagPose,
     *,
     rows_px: Sequence[int] | None = None,
@@ -160,7 +160,7 @@ def zigzag_errors(
         Rows (columns where ridges run along the rows). By default the thesis's A..E where all
         five cross the bars, else five spread over the visible length.
     edge_zone_px, edge_zone_mm
-        Half-width of the zones about ridges and valleys; mm wins when both are given.
+        Half-width of the zones about ridges, valleys and ends; mm wins when both are given.
     sensitivities, covariance
         (K, H, W) change of height per unit of K influences common to all pixels, and their (K, K)
         covariance. Without them the whole of u_z is taken as common, so that the mean of a

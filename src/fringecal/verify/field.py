@@ -16,8 +16,9 @@ Mask = NDArray[np.bool_]
 class ErrorField:
     """Maps (H, W) about the registered bars, mm; masked pixels carry interpolated places, so that they count.
 
-    `inside` is True on the bars, `valid` where the surface was measured; `axis` is the picture
-    direction that crosses the ridges, `pixel_mm` a pixel's step in it on the plate.
+    `edge_distance` is that to the nearest ridge, valley or end; `inside` is True on the bars, `valid`
+    where the surface was measured; `axis` is the picture direction that crosses the ridges, `pixel_mm`
+    a pixel's step in it on the plate.
     """
 
     x: Floats
@@ -58,7 +59,7 @@ def error_field(surface: Surface, pose: ZigzagPose, shape: ZigzagShape) -> Error
         y=y,
         across=across,
         along=along,
-        edge_distance=edge_distance(across, shape),
+        edge_distance=np.minimum(edge_distance(across, shape), _end_distance(along, pose, shape)),
         reference=reference,
         error=z - reference,
         u_z=u_z,
@@ -78,6 +79,12 @@ def default_places(
     if field.axis == "row" and np.isin(preferred, good).all():
         return preferred
     return tuple(int(round(good[0] + share * (good[-1] - good[0]))) for share in spread)
+
+
+def _end_distance(along: Floats, pose: ZigzagPose, shape: ZigzagShape) -> Floats:
+    """Distance to the nearer end of the bars, less the doubt about where the ends are."""
+    doubt = min(2 * pose.u_along_mm, 0.02 * shape.length_mm)
+    return shape.length_mm / 2 - doubt - np.abs(along)
 
 
 def _crossing(across: Floats, valid: Mask) -> tuple[str, float]:

@@ -7,9 +7,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.targets.models import Zigzag
 from fringecal.verify.errors import ZigzagErrors, zigzag_errors
 from fringecal.verify.pose import ZigzagPose
-from fringecal.verify.shape import Floats, Surface, ZigzagShape, ZigzagTarget
+from fringecal.verify.shape import Floats, Surface, ZigzagShape
 
 FILTERS = ("none", "median", "mean", "median+mean")  # 3 x 3 each, in the order named
 
@@ -62,7 +63,7 @@ def filtered(image: NDArray[np.generic], name: str, *, valid: NDArray[np.bool_] 
 
 
 def filter_study(
-    surfaces: Mapping[str, Surface], target: ZigzagTarget | ZigzagShape, pose: ZigzagPose
+    surfaces: Mapping[str, Surface], target: Zigzag | ZigzagShape, pose: ZigzagPose
 ) -> tuple[FilterResult, ...]:
     """Judge every combination of a filter before and a filter after, best first.
 
@@ -84,7 +85,7 @@ def filter_study(
 
 
 def ranking_table(results: tuple[FilterResult, ...]) -> pd.DataFrame:
-    """Tabulate combinations of filters, best first: pooled errors without edge zones, with them as `_edges`."""
+    """Tabulate combinations of filters, best first: pooled errors, with edge zones as `_edges`."""
     rows = [
         {"rank": r.rank, "before": r.before, "after": r.after}
         | _columns(r.errors, edges=False)

@@ -11,6 +11,7 @@ from fringecal.verify.shape import Floats, ZigzagShape, bar_number, zigzag_heigh
 
 TOLERANCE = 0.15  # of full height: a pixel further off is an outlier. A rig read with one constant
 # angle is off by 12 % at its edges and must still register; a wrong fringe order is off by more.
+_PLATE_WEIGHT = 0.25  # of plate against bar when places compete: too few bars still find their place
 _TELLING = 0.35  # of full height: above this the target's surface cannot be taken for the plate
 
 
@@ -57,7 +58,7 @@ def place_footprint(
     window = max(1, round(shape.length_mm / ballot.bin_mm))
     padded = np.pad(ballot.votes, ((shape.count, shape.count), (window, window)))
     by_bar = _moving_sum(padded, window, axis=1)
-    score = _moving_sum(by_bar, shape.count, axis=0)
+    score = _moving_sum(np.where(by_bar < 0, _PLATE_WEIGHT * by_bar, by_bar), shape.count, axis=0)
     best = float(score.max())
     if best <= 0:
         raise FitError(
@@ -66,6 +67,7 @@ def place_footprint(
         )
     bar, place, half_width = _middle_of_best(score, best, shape.count)
     seen = _check_bars(by_bar[:, place], bar, shape.count)
+    _check_length(padded[bar : bar + shape.count], place, window, shape)
     along_mm = ballot.along_start + (place - window + window / 2) * ballot.bin_mm
     u_along = math.hypot(half_width / math.sqrt(3), 1 / math.sqrt(12)) * ballot.bin_mm
     return Placement(ballot.first_bar - shape.count + bar, along_mm, u_along, seen)
@@ -115,3 +117,14 @@ def _check_bars(votes: Floats, bar: int, count: int) -> int:
             "correct the target's count, or photograph the bars it describes with plate free around them"
         )
     return int(np.sum(inside > 0.1 * typical))
+
+
+def _check_length(votes: Floats, place: int, window: int, shape: ZigzagShape) -> None:
+    inside = votes[:, place : place + window]
+    bar, plate = inside[inside > 0].sum(), -inside[inside < 0].sum()
+    beyond = votes[votes > 0].sum() - bar
+    if max(plate, beyond) > 0.1 * bar:
+        raise FitError(
+            f"the bars are {'longer' if beyond > plate else 'shorter'} than the {shape.length_mm:g} mm "
+            "that the target states; correct the target's length"
+        )

@@ -61,7 +61,7 @@ class ZigzagPose:
         >>> pose = ZigzagPose(10.0, 0.0, math.pi / 2)
         >>> across, along = pose.across_along(np.array([10.0]), np.array([5.0]))
         >>> across.round(9).tolist(), along.round(9).tolist()
-        ([5.0], [-0.0])
+        ([5.0], [0.0])
         """
         c, s = math.cos(self.rotation_rad), math.sin(self.rotation_rad)
         dx, dy = np.asarray(x, float) - self.x_mm, np.asarray(y, float) - self.y_mm

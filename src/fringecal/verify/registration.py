@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
+from fringecal.targets.models import Zigzag
 from fringecal.verify.facets import Facets, fit_facets
 from fringecal.verify.placement import TOLERANCE, place_footprint
 from fringecal.verify.pose import ZigzagPose
@@ -14,7 +15,6 @@ from fringecal.verify.shape import (
     Floats,
     Surface,
     ZigzagShape,
-    ZigzagTarget,
     edge_distance,
     ridge_offset,
     zigzag_height,
@@ -23,9 +23,15 @@ from fringecal.verify.shape import (
 
 SEATINGS = ("on-plate", "free")
 _MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
+_MAX_VOTES = 300_000
+_MAX_CENTRES = 400
+_GOLDEN = (math.sqrt(5) - 1) / 2
 _WINDOW_RAD = math.radians(12)  # facets this near the target's flank angle count as flanks
 _ANGLE_LIMIT_RAD = math.radians(4)  # a height scale wrong by 10 % turns a 45 deg flank by 2.7 deg
+_FLAT_RAD = math.radians(10)  # what is less steep is plate, or a block across a ridge
+_PLANE_SHARE = 0.03  # of full height: a block that departs more from its plane holds an edge
 _MIN_FACETS = 8
+_MIN_AGREEING = 0.4
 _MIN_INLIERS = 0.7
 
 
@@ -36,14 +42,19 @@ class _Points:
     z: Floats
 
     def where(self, chosen: NDArray[np.bool_]) -> "_Points":
-        """Points chosen, thinned evenly to a number that a fit needs."""
-        index = np.flatnonzero(chosen)
-        index = index[:: 1 + index.size // _MAX_PIXELS]
+        """Points chosen."""
+        return _Points(self.x[chosen], self.y[chosen], self.z[chosen])
+
+    def thinned(self, most: int) -> "_Points":
+        """At most so many points, by golden steps: an even stride could fall in step with the columns."""
+        if self.z.size <= most:
+            return self
+        index = np.floor(np.arange(most) * _GOLDEN % 1.0 * self.z.size).astype(np.int64)
         return _Points(self.x[index], self.y[index], self.z[index])
 
 
 def register_zigzag(
-    surface: Surface, target: ZigzagTarget | ZigzagShape, *, seating: str = "on-plate"
+    surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate"
 ) -> ZigzagPose:
     """Find the bars of a zig-zag target in a measured surface.
 
@@ -74,11 +85,13 @@ def register_zigzag(
     facets = fit_facets(surface.x, surface.y, surface.z, valid, block_px=_block_px(surface, valid, shape))
     rotation, flanks = _direction(facets, shape)
     _check_apex(flanks, shape)
-    pose = _first_place(_Points(flanks.x, flanks.y, flanks.z), rotation, shape)
-    pose = _refined(pose, _Points(flanks.x, flanks.y, flanks.z), shape)
+    centres = _Points(flanks.x, flanks.y, flanks.z).thinned(_MAX_CENTRES)
+    _check_period(centres, rotation, shape)
+    pose = _refined(_first_place(centres, rotation, shape), centres, shape)
     for free in (False, seating == "free"):
         pose = _placed(pose, points, shape)
-        pose = _refined(pose, points.where(_flank_points(pose, points, shape)), shape, free=free)
+        flank_points = points.where(_flank_points(pose, points, shape)).thinned(_MAX_PIXELS)
+        pose = _refined(pose, flank_points, shape, free=free)
     return _judged(_placed(pose, points, shape), points, shape)
 
 
@@ -108,10 +121,10 @@ def _block_px(surface: Surface, valid: NDArray[np.bool_], shape: ZigzagShape) ->
 def _direction(facets: Facets, shape: ZigzagShape) -> tuple[float, Facets]:
     """Direction across the ridges by a vote of the flanks' gradients, and the flanks that agree."""
     flank_angle = math.atan(shape.slope)
-    steep = np.abs(facets.angle_rad - flank_angle) < _WINDOW_RAD
-    steep &= facets.residual < 0.05 * shape.height_mm
+    plane = facets.residual < _PLANE_SHARE * shape.height_mm
+    steep = plane & (np.abs(facets.angle_rad - flank_angle) < _WINDOW_RAD)
     heading = np.arctan2(facets.q, facets.p)
-    if steep.sum() >= _MIN_FACETS:
+    if steep.sum() >= max(_MIN_FACETS, _MIN_AGREEING * np.sum(plane & (facets.angle_rad > _FLAT_RAD))):
         votes, edges = np.histogram(np.mod(heading[steep], math.pi), bins=60, range=(0, math.pi))
         votes = votes + np.roll(votes, 1) + np.roll(votes, -1)
         rotation = float(edges[np.argmax(votes)] + (edges[1] - edges[0]) / 2)
@@ -119,7 +132,7 @@ def _direction(facets: Facets, shape: ZigzagShape) -> tuple[float, Facets]:
         for window in (math.radians(12), math.radians(6)):
             agree = steep & (np.abs(_half_turn(heading - rotation)) < window)
             rotation += float(np.median(_half_turn(heading[agree] - rotation)))
-        if agree.sum() >= max(_MIN_FACETS, 0.4 * steep.sum()):
+        if agree.sum() >= max(_MIN_FACETS, _MIN_AGREEING * steep.sum()):
             return float(_half_turn(rotation)), facets.where(agree)
     raise FitError(
         f"no zig-zag: {int(steep.sum())} of {steep.size} facets have the target's flank angle of "
@@ -134,7 +147,7 @@ def _half_turn(angle: NDArray[np.floating] | float) -> NDArray[np.floating] | fl
 
 
 def _steepness(facets: Facets) -> str:
-    steep = facets.angle_rad[facets.angle_rad > math.radians(10)]
+    steep = facets.angle_rad[facets.angle_rad > _FLAT_RAD]
     if steep.size < _MIN_FACETS:
         return " (the surface is flat)"
     return f" (the steep ones stand at {math.degrees(float(np.median(steep))):.1f} deg)"
@@ -150,14 +163,32 @@ def _check_apex(flanks: Facets, shape: ZigzagShape) -> None:
         )
 
 
-def _first_place(flanks: _Points, rotation: float, shape: ZigzagShape) -> ZigzagPose:
-    """Place across by trying 72 shifts over one period."""
-    start = ZigzagPose(float(np.median(flanks.x)), float(np.median(flanks.y)), rotation)
-    across = start.across_along(flanks.x, flanks.y)[0]
+def _check_period(flanks: _Points, rotation: float, shape: ZigzagShape) -> None:
+    """Refuse bars of the right angle and another size, by trying other periods."""
+    across = ZigzagPose(0.0, 0.0, rotation).across_along(flanks.x, flanks.y)[0]
+    factors = np.linspace(0.7, 1.4, 71)
+    sizes = [replace(shape, leg_mm=shape.leg_mm * f, ridge_radius_mm=0.0) for f in factors]
+    misfit = np.array([_shift_misfits(across, flanks.z, size)[1].min() for size in sizes])
+    best = int(np.argmin(misfit))
+    stated = float(misfit[np.argmin(np.abs(factors - 1))])
+    if abs(factors[best] - 1) > 0.04 and misfit[best] < 0.5 * stated:
+        raise FitError(
+            f"the surface repeats every {sizes[best].base_mm:.1f} mm where the target repeats every "
+            f"{shape.base_mm:.1f} mm; check the target's leg_mm, then the lateral scale"
+        )
+
+
+def _shift_misfits(across: Floats, z: Floats, shape: ZigzagShape) -> tuple[Floats, Floats]:
+    """Mean distance to the endless zig-zag, capped, for 72 shifts over one period."""
     shifts = np.arange(72) / 72 * shape.base_mm
-    misfit = np.abs(flanks.z - zigzag_height(across - shifts[:, None], shape))
-    cost = np.minimum(misfit, 0.3 * shape.height_mm).mean(axis=1)
-    return _shifted(start, across_mm=float(shifts[np.argmin(cost)]))
+    misfit = np.abs(z - zigzag_height(across - shifts[:, None], shape))
+    return shifts, np.minimum(misfit, 0.3 * shape.height_mm).mean(axis=1)
+
+
+def _first_place(flanks: _Points, rotation: float, shape: ZigzagShape) -> ZigzagPose:
+    start = ZigzagPose(float(np.median(flanks.x)), float(np.median(flanks.y)), rotation)
+    shifts, misfit = _shift_misfits(start.across_along(flanks.x, flanks.y)[0], flanks.z, shape)
+    return _shifted(start, across_mm=float(shifts[np.argmin(misfit)]))
 
 
 def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0) -> ZigzagPose:
@@ -169,7 +200,7 @@ def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0)
 
 
 def _placed(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
-    some = points.where(np.ones(points.z.size, bool))
+    some = points.thinned(_MAX_VOTES)
     across, along = pose.across_along(some.x, some.y)
     place = place_footprint(across, along, some.z - pose.seat_height(some.x, some.y), shape)
     moved = _shifted(pose, across_mm=place.bars * shape.base_mm, along_mm=place.along_mm)
@@ -236,18 +267,7 @@ def _judged(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose
     if share < _MIN_INLIERS:
         raise FitError(
             f"the surface is not this zig-zag: {100 * share:.0f} % of the flank pixels lie within "
-            f"{100 * TOLERANCE:.0f} % of full height of it, {100 * _MIN_INLIERS:.0f} % are needed"
-            f"{_period_hint(pose, inside, shape)}"
+            f"{100 * TOLERANCE:.0f} % of full height of it, {100 * _MIN_INLIERS:.0f} % are needed; "
+            "look for regions of wrong fringe order, or a bar that is not of this kind"
         )
     return replace(pose, inlier_share=share)
-
-
-def _period_hint(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> str:
-    across = pose.across_along(points.x, points.y)[0]
-    periods = shape.base_mm * np.linspace(0.6, 1.6, 201)
-    level = points.z - points.z.mean()
-    power = [abs(np.mean(level * np.exp(2j * np.pi * across / p))) for p in periods]
-    found = float(periods[int(np.argmax(power))])
-    if abs(found - shape.base_mm) < 0.03 * shape.base_mm:
-        return "; look for regions of wrong fringe order, or a bar that is not of this kind"
-    return f"; it repeats every {found:.1f} mm where the target repeats every {shape.base_mm:.1f} mm"

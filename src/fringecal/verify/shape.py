@@ -7,6 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.targets.geometry import zigzag_base_mm, zigzag_height_mm, zigzag_profile_mm
+from fringecal.targets.models import Zigzag
+
 Floats = NDArray[np.float64]
 
 
@@ -23,26 +26,6 @@ class Surface(Protocol):
     def u_z(self) -> NDArray[np.floating]: ...  # noqa: D102
     @property
     def mask(self) -> NDArray[np.bool_]: ...  # noqa: D102
-
-
-class _Value(Protocol):
-    @property
-    def value(self) -> float | tuple[float, ...]: ...
-    @property
-    def u(self) -> float | tuple[float, ...]: ...
-
-
-class ZigzagTarget(Protocol):
-    """What is asked of a target: the fields of a `zigzag` artefact file."""
-
-    @property
-    def count(self) -> int: ...  # noqa: D102
-    @property
-    def leg_mm(self) -> _Value: ...  # noqa: D102
-    @property
-    def apex_deg(self) -> _Value: ...  # noqa: D102
-    @property
-    def length_mm(self) -> _Value: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -73,62 +56,54 @@ class ZigzagShape:
 
     @property
     def height_mm(self) -> float:
-        """Full height of a sharp bar, ``leg cos(apex/2)``."""
-        return self.leg_mm * math.cos(self.half_apex_rad)
+        """Full height of a bar, rounded ridge included; errors in percent refer to it."""
+        return zigzag_height_mm(self.leg_mm, self.apex_deg, ridge_radius_mm=self.ridge_radius_mm)
 
     @property
     def base_mm(self) -> float:
         """Width of one bar on the plate, ``2 leg sin(apex/2)``; the period of the zig-zag."""
-        return 2 * self.leg_mm * math.sin(self.half_apex_rad)
+        return zigzag_base_mm(self.leg_mm, self.apex_deg)
 
     @property
     def slope(self) -> float:
         """Slope of a flank, ``cot(apex/2)``."""
         return 1 / math.tan(self.half_apex_rad)
 
-    @property
-    def u_height_mm(self) -> float:
-        """Standard uncertainty of the full height from those of leg and apex, taken independent."""
-        half = self.half_apex_rad
-        return math.hypot(
-            math.cos(half) * self.u_leg_mm, self.leg_mm / 2 * math.sin(half) * math.radians(self.u_apex_deg)
-        )
 
+def zigzag_shape(target: Zigzag) -> ZigzagShape:
+    """Take the shape from a zig-zag target.
 
-def zigzag_shape(target: ZigzagTarget) -> ZigzagShape:
-    """Take the shape from a zig-zag target."""
-    radius = getattr(target, "ridge_radius_mm", None)
+    Examples
+    --------
+    >>> from fringecal.targets import load_target
+    >>> zigzag_shape(load_target("angle-bars")).leg_mm
+    40.0
+    """
+    radius = target.ridge_radius_mm
     return ZigzagShape(
-        count=int(target.count),
-        leg_mm=_scalar(target.leg_mm.value),
-        apex_deg=_scalar(target.apex_deg.value),
-        length_mm=_scalar(target.length_mm.value),
-        ridge_radius_mm=0.0 if radius is None else _scalar(radius.value),
-        u_leg_mm=_scalar(target.leg_mm.u),
-        u_apex_deg=_scalar(target.apex_deg.u),
+        count=target.count,
+        leg_mm=target.leg_mm.value,
+        apex_deg=target.apex_deg.value,
+        length_mm=target.length_mm.value,
+        ridge_radius_mm=0.0 if radius is None else radius.value,
+        u_leg_mm=target.leg_mm.u,
+        u_apex_deg=target.apex_deg.u,
     )
 
 
 def zigzag_height(across_mm: NDArray[np.floating], shape: ZigzagShape) -> Floats:
     """Height of the endless zig-zag at a distance across the bars; 0 is the middle of the row of bars.
 
-    Sharp: ``z = H - |d| cot(apex/2)`` with d the distance from the nearest ridge. With a ridge
-    radius r the top, ``|d| < r cos(apex/2)``, is the arc ``H - r / sin(apex/2) + sqrt(r^2 - d^2)``.
+    Endless, because the period is found before the ends are; `targets.geometry` has the formula.
 
     Examples
     --------
     >>> bar = ZigzagShape(count=1, leg_mm=10 * 2**0.5, apex_deg=90.0, length_mm=50.0)
-    >>> zigzag_height(np.array([-10.0, -5.0, 0.0, 5.0]), bar).round(6).tolist()
-    [0.0, 5.0, 10.0, 5.0]
+    >>> zigzag_height(np.array([-10.0, -5.0, 0.0, 5.0, 15.0]), bar).round(6).tolist()
+    [0.0, 5.0, 10.0, 5.0, 5.0]
     """
-    distance = np.abs(ridge_offset(across_mm, shape))
-    height = shape.height_mm - distance * shape.slope
-    radius = shape.ridge_radius_mm
-    if radius > 0:
-        top = distance < radius * math.cos(shape.half_apex_rad)
-        arc = np.sqrt(np.maximum(radius**2 - distance**2, 0.0))
-        height = np.where(top, shape.height_mm - radius / math.sin(shape.half_apex_rad) + arc, height)
-    return height
+    offset = ridge_offset(across_mm, shape)
+    return zigzag_profile_mm(offset, 1, shape.leg_mm, shape.apex_deg, ridge_radius_mm=shape.ridge_radius_mm)
 
 
 def ridge_offset(across_mm: NDArray[np.floating], shape: ZigzagShape) -> Floats:
@@ -158,7 +133,3 @@ def reference_sensitivities(across_mm: NDArray[np.floating], shape: ZigzagShape)
         lower = zigzag_height(across_mm, replace(shape, **{name: value - step}))
         rows.append((upper - lower) / (2 * step) * u)
     return np.array(rows)
-
-
-def _scalar(value: float | tuple[float, ...]) -> float:
-    return float(np.mean(value))
