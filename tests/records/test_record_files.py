@@ -10,6 +10,7 @@ import pytest
 
 from fringecal.errors import RecordError
 from fringecal.records.files import replacing, result_folder, write_bytes, write_table, write_text
+from fringecal.records.provenance import sha256_of
 
 
 def names(folder):
@@ -98,6 +99,7 @@ def test_a_file_in_the_way_of_the_folder_is_named(tmp_path):
 WRITER = """
 import sys
 from fringecal.records.files import write_text
+from fringecal.records.provenance import sha256_of
 sys.stdout.write("ready\\n"); sys.stdout.flush()
 for number in range(10**9):
     write_text(sys.argv[1], (str(number % 10) * 200_000))
@@ -119,3 +121,11 @@ def test_killing_the_writer_at_any_moment_leaves_a_whole_file(tmp_path):
         text = path.read_text()
         assert len(text) == 200_000
         assert len(set(text)) == 1
+
+
+def test_hashes_are_those_of_the_standard_and_a_missing_file_is_refused(tmp_path):
+    # FIPS 180-4 example: the message "abc".
+    path = write_text(tmp_path / "abc.txt", "abc")
+    assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
+    with pytest.raises(RecordError, match="cannot be read"):
+        sha256_of(tmp_path)

@@ -1,0 +1,41 @@
+"""What made a result: versions of the software, and the hash of a file."""
+
+import hashlib
+import platform
+from importlib import metadata
+from pathlib import Path
+
+from fringecal import __version__
+from fringecal.errors import RecordError
+
+_PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "numba", "lmfit", "mrcal", "pydantic")
+
+
+def software_versions() -> dict[str, str]:
+    """Give the versions of the toolkit, of Python, and of the packages that numbers depend on.
+
+    Packages that are not installed (mrcal is optional) are left out.
+
+    Examples
+    --------
+    >>> {"fringecal", "python", "numpy"} <= set(software_versions())
+    True
+    """
+    versions = {"fringecal": __version__, "python": platform.python_version()}
+    installed = {(entry.name or "").lower(): entry.version for entry in metadata.distributions()}
+    return versions | {name: installed[name] for name in _PACKAGES if name in installed}
+
+
+def sha256_of(path: str | Path) -> str:
+    """Give the SHA-256 of a file as lower-case hex.
+
+    Raises
+    ------
+    RecordError
+        The file cannot be read.
+    """
+    try:
+        with Path(path).open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError as error:
+        raise RecordError(f"{path}: cannot be read ({error.strerror or error})") from error
