@@ -97,6 +97,8 @@ def exposure_faults(draft: Draft, white_level: int) -> Iterator[Fault]:
     """Refuse frames that are nearly all black or nearly all saturated; Gray-code pictures may be."""
     for frame in draft.frames:
         where = f"{draft.label}: {frame.path.name}"
+        # In a set of mixed depths, which is a fault of its own, the others are not dark for it.
+        white_level = min(white_level, (1 << frame.bits) - 1)
         saturated = frame.saturated_share(white_level)
         if saturated >= _SATURATED_FAULT:
             found = f"{saturated:.1%} of the pixels are saturated (at {white_level})"

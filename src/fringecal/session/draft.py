@@ -31,6 +31,8 @@ class Draft:
         Files found.
     facts
         What is known of the files that could be read, by path.
+    has_all_files
+        Whether every entry of `images` named at least one file.
     target
         The target, if one is named and could be read.
     faults
@@ -44,13 +46,9 @@ class Draft:
     files: tuple[Path, ...]
     gray_files: tuple[Path, ...]
     facts: dict[Path, FrameFacts]
+    has_all_files: bool
     target: Target | None
     faults: tuple[Fault, ...]
-
-    @property
-    def has_all_files(self) -> bool:
-        """Whether every entry of `images` named at least one file."""
-        return not any(fault.where == f"{self.label}: images" for fault in self.faults)
 
     @property
     def frames(self) -> list[FrameFacts]:
@@ -93,6 +91,7 @@ def draft_capture(
         files=tuple(files),
         gray_files=tuple(gray_files),
         facts={facts.path: facts for facts in found if isinstance(facts, FrameFacts)},
+        has_all_files=not faults,
         target=target,
         faults=(*faults, *gray_faults, *(f for f in found if isinstance(f, Fault)), *target_faults),
     )

@@ -1,6 +1,7 @@
 """Read `session.toml` into its document, salvaging what is right so that one check finds every fault."""
 
 import copy
+import re
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -34,13 +35,12 @@ _TABLES: dict[tuple[str, ...], type[BaseModel]] = {
 }
 
 # Stand-ins for what is missing or wrong, so that the rest can still be checked; never returned as data.
+_CAPTURE_STAND_INS: dict[str, Any] = {"name": "unknown", "kind": "object", "images": []}
 _STAND_INS: dict[str, Any] = {
     "format": 1,
     "rig": "unknown",
     "captured": datetime(1970, 1, 1, tzinfo=UTC),
-    "capture": [{"name": "unknown", "kind": "object", "images": []}],
-    "kind": "object",
-    "images": [],
+    "capture": [_CAPTURE_STAND_INS],
 }
 
 _NEEDED = {
@@ -123,9 +123,20 @@ def parse_text(text: str) -> Parsed:
         return _refused(FILE_NAME, "empty", "describe the session in it; docs show the format")
     try:
         table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        return _refused(FILE_NAME, f"not valid TOML: {error}", "correct the line named")
+    except RecursionError:
+        return _refused(FILE_NAME, "nested too deeply", "write tables no deeper than the format has them")
+    except tomllib.TOMLDecodeError as error:
+        return _refused(FILE_NAME, f"not valid TOML: {error}{_line_named(text, str(error))}", "correct it")
     return _salvaged(table)
+
+
+def _line_named(text: str, message: str) -> str:
+    """Quote the line that a TOML error names; a key written twice is told by nothing else."""
+    named = re.search(r"at line (\d+)", message)
+    lines = text.splitlines()
+    if named is None or int(named[1]) > len(lines):
+        return ""
+    return f": {_short(lines[int(named[1]) - 1].strip())}"
 
 
 def _refused(where: str, found: str, remedy: str) -> Parsed:
@@ -158,25 +169,24 @@ def _place(loc: Loc) -> Loc:
 
 
 def _stand_in(table: dict[str, Any], place: Loc) -> None:
-    parent: Any = table
-    for part in place[:-1]:
-        parent = parent[part]
-    key = place[-1]
-    if isinstance(key, int):
-        parent[key] = {"name": f"#{key + 1}", "kind": "object", "images": []}
-    elif key == "name":
-        parent[key] = f"#{place[-2] + 1}" if isinstance(place[-2], int) else "unknown"
-    elif key in _STAND_INS:
-        parent[key] = copy.deepcopy(_STAND_INS[key])
-    elif isinstance(parent, dict):
-        _drop(table, parent, place)
+    """Replace what is needed, leave out what is optional."""
+    top = str(place[0])
+    if len(place) == 1:
+        _replace(table, top, _STAND_INS)
+    elif top == "capture" and len(place) == 2:
+        table[top][place[1]] = copy.deepcopy(_CAPTURE_STAND_INS)
+    elif top == "capture":
+        _replace(table[top][place[1]], str(place[2]), _CAPTURE_STAND_INS)
+    elif top == "camera":
+        _replace(table[top], str(place[1]), {})
+    else:  # the projector's and the phase's tables consist of one key: without it they go as a whole
+        table.pop(top, None)
 
 
-def _drop(table: dict[str, Any], parent: dict[str, Any], place: Loc) -> None:
-    """Leave an optional key out; an error of a whole table (no key) drops the table."""
-    parent.pop(str(place[-1]), None)
-    if place[0] in ("projector", "phase") and len(place) == 2:
-        table.pop(str(place[0]), None)
+def _replace(table: dict[str, Any], key: str, stand_ins: Mapping[str, Any]) -> None:
+    table.pop(key, None)
+    if key in stand_ins:
+        table[key] = copy.deepcopy(stand_ins[key])
 
 
 def _described(errors: list[Any], table: Mapping[str, Any]) -> list[Fault]:
