@@ -118,6 +118,13 @@ def test_no_triangle_crosses_a_jump_or_a_hole(surface):
     assert len(joined.faces) - len(triangles.faces) == 2 * (9 + 19) + 1
 
 
+def test_coordinates_that_are_nan_where_masked_change_nothing(surface):
+    blank = {name: np.where(surface.mask, getattr(surface, name), np.nan) for name in ("x", "y", "u_z")}
+    full, blanked = triangulate(surface), triangulate(SimpleNamespace(**vars(surface) | blank))
+    np.testing.assert_array_equal(full.vertices_mm, blanked.vertices_mm)
+    np.testing.assert_array_equal(full.faces, blanked.faces)
+
+
 def test_a_ridge_stays_sharp_whatever_its_direction():
     row, column = np.mgrid[:20, :20].astype(float)
     for z in (-np.abs(column - row), -np.abs(column + row - 19)):

@@ -99,6 +99,8 @@ def test_a_map_without_a_valid_pixel_is_refused(scene):
     x, y, z = scene
     with pytest.raises(RecordError, match="valid"):
         height_map(x, y, z * np.nan)
+    with pytest.raises(RecordError, match="valid"):
+        surface_view(x, y, z * np.nan)
 
 
 def test_the_surface_view_has_true_proportions_and_units(scene):

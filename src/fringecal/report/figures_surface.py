@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
+from fringecal.errors import RecordError
 from fringecal.report.style import HEIGHT_MAP, new_figure, styled
 
 _FACETS_PER_SIDE = 160
@@ -32,10 +33,17 @@ def surface_view(
         Draw every stride-th row and column; by default about 160 facets along the longer side.
     title
         What was measured.
+
+    Raises
+    ------
+    RecordError
+        No pixel is valid.
     """
     step = stride or max(1, max(z_mm.shape) // _FACETS_PER_SIDE)
     x, y, z = (part[::step, ::step] for part in (x_mm, y_mm, z_mm))
-    figure = new_figure(7.4, 5.4)
+    if not np.isfinite(z).any():
+        raise RecordError("no pixel of the surface is valid; there is nothing to draw, check its mask")
+    figure = new_figure(7.4, 5.0)
     axes: Any = figure.add_subplot(projection="3d")
     low, high = np.nanmin(z), np.nanmax(z)
     # A facet with NaN in z is not drawn, but its x and y must be finite.
@@ -52,7 +60,7 @@ def surface_view(
         antialiased=False,
     )
     spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x, y, z)])
-    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.1)
+    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.2)
     axes.set_zticks([float(f"{low:.2g}"), float(f"{high:.3g}")])  # more would overlap on a flat box
     axes.view_init(elev=32, azim=-65)
     stretched = "" if exaggeration == 1 else f" ({exaggeration:g} times)"
