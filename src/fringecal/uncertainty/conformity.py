@@ -1,0 +1,178 @@
+"""Conformity with a tolerance (JCGM 106, ISO 14253-1): probability, guard band, decision, risks, scores."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+from scipy import integrate, optimize, stats
+
+from fringecal.errors import FitError
+
+Outcome = Literal["pass", "conditionalPass", "conditionalFail", "fail"]
+
+
+@dataclass(frozen=True)
+class Decision:
+    """One of four outcomes, with the probability of conformity that led to it and the rule's level."""
+
+    outcome: Outcome
+    probability: float
+    level: float
+
+
+@dataclass(frozen=True)
+class GlobalRisks:
+    """Risks over all items of a production, before any is measured.
+
+    `consumer`: an item is accepted and does not conform; `producer`: it is rejected and conforms, both of all
+    items (unconditional). `consumer_of_accepted`: share of the accepted ones that does not conform.
+    """
+
+    consumer: float
+    producer: float
+    consumer_of_accepted: float
+
+
+def conformance_probability(
+    y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf
+) -> float:
+    """Probability that a quantity measured as y lies within limits (JCGM 106:2012, eq. 13).
+
+    ``p = Phi((TU - y) / u) - Phi((TL - y) / u)``; normal distribution, nothing known before.
+
+    Examples
+    --------
+    >>> round(conformance_probability(13.6, 1.8, lower=12.5, upper=16.3), 4)
+    0.6626
+    """
+    _check(u, lower, upper)
+    if u == 0:
+        return float(lower <= y <= upper)
+    return float(stats.norm.cdf((upper - y) / u) - stats.norm.cdf((lower - y) / u))
+
+
+def decide(
+    y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = 0.95
+) -> Decision:
+    """Decide on conformity with four outcomes.
+
+    "pass": conformity is proved, ``p >= level``; "fail": non-conformity is proved, ``p <= 1 - level``;
+    between them the side of the limit on which y lies, with a condition. For a tolerance wider than 6 u
+    this is the rule of ISO 14253-1:2017: y inside limits drawn in, or outside limits drawn out, by 1.645 u.
+
+    Examples
+    --------
+    >>> [decide(y, 0.1, upper=1.0).outcome for y in (0.8, 0.9, 1.1, 1.2)]
+    ['pass', 'conditionalPass', 'conditionalFail', 'fail']
+    """
+    p = conformance_probability(y, u, lower=lower, upper=upper)
+    inside = lower <= y <= upper
+    if p >= level and inside:
+        outcome: Outcome = "pass"
+    elif p <= 1 - level and not inside:
+        outcome = "fail"
+    else:
+        outcome = "conditionalPass" if inside else "conditionalFail"
+    return Decision(outcome, p, level)
+
+
+def guard_band(u: float, *, tolerance: float = math.inf, level: float = 0.95) -> float:
+    """Guard band that proves conformity exactly at the given level, in the unit of u.
+
+    Solves ``Phi(g / u) - Phi((g - T) / u) = level``; for T beyond 6 u it is the one-sided ``1.645 u``.
+
+    Parameters
+    ----------
+    tolerance
+        Width T of the tolerance; infinite when there is one limit only.
+
+    Raises
+    ------
+    FitError
+        The tolerance is so narrow, below 3.92 u at 95 %, that no result can prove conformity.
+
+    Examples
+    --------
+    >>> round(guard_band(1.0), 4), round(guard_band(1.0, tolerance=4.0), 4)
+    (1.6449, 1.7962)
+    """
+    if u <= 0:
+        return 0.0
+    simple = float(stats.norm.ppf(level))
+    width = tolerance / u
+    if math.isinf(width):
+        return simple * u
+    if 2 * stats.norm.cdf(width / 2) - 1 < level:
+        raise FitError(
+            f"a tolerance of {tolerance:g} leaves no acceptance zone with u = {u:g} at {level:.0%}; "
+            f"u must be below {tolerance / (2 * float(stats.norm.ppf(0.5 + level / 2))):.3g}"
+        )
+
+    def excess(g: float) -> float:
+        return float(stats.norm.cdf(g) - stats.norm.cdf(g - width)) - level
+
+    low = min(simple, width / 2)
+    return u * (low if excess(low) >= 0 else float(optimize.brentq(excess, low, width / 2, xtol=1e-12)))
+
+
+def en_score(x: float, reference: float, expanded_x: float, expanded_reference: float) -> float:
+    """Normalised error ``(x - X) / sqrt(U_x^2 + U_X^2)``, U EXPANDED; |En| <= 1 agrees (ISO 13528).
+
+    Examples
+    --------
+    >>> round(en_score(100.10, 100.02, 0.05, 0.03), 3)
+    1.372
+    """
+    return _score(x - reference, expanded_x, expanded_reference)
+
+
+def zeta_score(x: float, reference: float, u_x: float, u_reference: float) -> float:
+    """Zeta score, as En but of STANDARD uncertainties; beyond 2 doubtful, beyond 3 wrong (ISO 13528)."""
+    return _score(x - reference, u_x, u_reference)
+
+
+def global_risks(
+    prior_mean: float, prior_sd: float, u: float, *, lower: float, upper: float, guard: float = 0.0
+) -> GlobalRisks:
+    """Risks of accepting and rejecting wrongly, over a normal production (JCGM 106:2012, 9.5).
+
+    Parameters
+    ----------
+    prior_mean, prior_sd
+        Distribution of the true values.
+    u
+        Standard uncertainty of the measurement.
+    lower, upper
+        Tolerance limits.
+    guard
+        Both limits are drawn in by this before the measured value meets them; negative draws them out.
+    """
+    _check(u, lower, upper)
+    prior = stats.norm(prior_mean, prior_sd)
+
+    def accepted(value: float) -> float:
+        inside = stats.norm.cdf((upper - guard - value) / u) - stats.norm.cdf((lower + guard - value) / u)
+        return float(inside * prior.pdf(value))
+
+    def share(start: float, end: float) -> float:
+        return float(integrate.quad(accepted, start, end, epsabs=1e-12, epsrel=1e-10, limit=200)[0])
+
+    reach = 9 * prior_sd  # beyond it 1e-18 of the items
+    first, last = min(lower, prior_mean - reach), max(upper, prior_mean + reach)
+    consumer = share(first, lower) + share(upper, last)
+    conforming_accepted = share(lower, upper)
+    conforming = float(prior.cdf(upper) - prior.cdf(lower))
+    accepted_share = consumer + conforming_accepted
+    return GlobalRisks(consumer, conforming - conforming_accepted, consumer / accepted_share)
+
+
+def _check(u: float, lower: float, upper: float) -> None:
+    if not u >= 0 or not lower < upper:
+        raise ValueError(f"u >= 0 and lower < upper are needed, found u {u:g}, limits {lower:g} .. {upper:g}")
+
+
+def _score(difference: float, first: float, second: float) -> float:
+    spread = math.hypot(first, second)
+    if not spread > 0:
+        raise ValueError("a score needs an uncertainty greater than 0 on one side at least")
+    return difference / spread

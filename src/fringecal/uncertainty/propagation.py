@@ -1,0 +1,276 @@
+"""Propagation of uncertainty by derivatives: first order with full covariance, and what second order adds."""
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import FitError
+from fringecal.uncertainty.budget import Budget, budget
+from fringecal.uncertainty.estimates import Estimate
+
+Floats = NDArray[np.float64]
+Model = Callable[[NDArray], ArrayLike]
+
+_DOF_RULES = ("interpolated", "truncated")
+
+
+class DofWarning(UserWarning):
+    """Degrees of freedom that no rule covers; a cautious number was taken, and this says so."""
+
+
+@dataclass(frozen=True)
+class SecondOrder:
+    """A result corrected for the curvature of its model by `shift`, and its `u` to second order."""
+
+    value: float
+    shift: float
+    u: float
+
+
+def jacobian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None, method: str = "central") -> Floats:
+    """Differentiate a model with respect to its inputs.
+
+    Parameters
+    ----------
+    model
+        Function of an (n,) array, with a scalar or (m,) result.
+    x
+        (n,) point.
+    u
+        (n,) scale of each input, its standard uncertainty; sets the step of "central".
+    method
+        "central": central differences, step ``u / 100``. "complex": complex step, exact to rounding, for
+        models made of analytic operations only (no abs, no comparison, no arctan2).
+
+    Returns
+    -------
+    (n,) for a scalar model, (m, n) else.
+
+    Examples
+    --------
+    >>> jacobian(lambda x: x[0] ** 2 * x[1], [3.0, 2.0], method="complex").round(9).tolist()
+    [12.0, 9.0]
+    """
+    point = np.asarray(x, float)
+    if method == "complex":
+        columns = [np.imag(model(point + 1e-200j * unit)) / 1e-200 for unit in np.eye(point.size)]
+    elif method == "central":
+        columns = [
+            (np.asarray(model(point + h), float) - np.asarray(model(point - h), float)) / (2 * h[i])
+            for i, h in enumerate(np.diag(_steps(point, u) / 100))
+        ]
+    else:
+        raise ValueError(f'method {method!r} is not "central" or "complex"')
+    result = np.stack(columns, axis=-1)
+    if not np.all(np.isfinite(result)):
+        raise FitError(
+            f"the model has no finite derivative at {point.tolist()}; check the inputs and their ranges"
+        )
+    return result
+
+
+def hessian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None) -> Floats:
+    """Second derivatives of a scalar model by central differences, (n, n); steps are a tenth of `u`."""
+    point = np.asarray(x, float)
+    steps = np.diag(_steps(point, u) / 10)
+
+    def f(p: Floats) -> float:
+        return float(np.asarray(model(p)))
+
+    n = point.size
+    second = np.zeros((n, n))
+    for i in range(n):
+        for j in range(i, n):
+            a, b = steps[i], steps[j]
+            corners = f(point + a + b) - f(point + a - b) - f(point - a + b) + f(point - a - b)
+            second[i, j] = second[j, i] = corners / (4 * a[i] * b[j])
+    return second
+
+
+def propagate(
+    model: Model,
+    inputs: Sequence[Estimate],
+    *,
+    covariance: ArrayLike | None = None,
+    sensitivities: ArrayLike | None = None,
+    dof_rule: str = "interpolated",
+    method: str = "central",
+    unit: str = "",
+    label: str = "",
+) -> Budget:
+    """Propagate estimates through a scalar model to first order, and account for each of them.
+
+    ``u^2 = c C c^T`` with c the derivatives at the estimates (JCGM 100:2008, eq. 13 and 16).
+    Degrees of freedom: `effective_dof`.
+
+    Parameters
+    ----------
+    model
+        Function of the (n,) array of input values.
+    inputs
+        n estimates; their dof enter the result's.
+    covariance
+        (n, n) covariance of the inputs; the inputs' own `u`, uncorrelated, when omitted.
+    sensitivities
+        (n,) derivatives, when they are known; numeric by `jacobian` when omitted.
+    dof_rule
+        "interpolated", or "truncated" to the integer below as JCGM 100:2008 G.4.1 does.
+    method, unit, label
+        Of the derivative; of the result.
+
+    Examples
+    --------
+    >>> shift = Estimate(3.665, 0.03, unit="mm", label="fringe shift", dof=11)
+    >>> strip = Estimate(3.0, 0.005, unit="mm", label="strip height")
+    >>> angle = propagate(lambda x: np.degrees(np.arctan2(x[0], x[1])), [shift, strip], unit="deg")
+    >>> round(angle.result.value, 2), round(angle.result.u, 2), angle.rows[0].label
+    (50.7, 0.23, 'fringe shift')
+    """
+    x = np.array([item.value for item in inputs])
+    u = np.array([item.u for item in inputs])
+    matrix = np.diag(u**2) if covariance is None else _checked(covariance, len(x))
+    scale = np.sqrt(np.diag(matrix))
+    c = (
+        jacobian(model, x, u=scale, method=method)
+        if sensitivities is None
+        else np.asarray(sensitivities, float)
+    )
+    u_result = math.sqrt(max(float(c @ matrix @ c), 0.0))
+    dof = effective_dof(c, matrix, [item.dof for item in inputs], rule=dof_rule)
+    result = Estimate(float(np.asarray(model(x))), u_result, unit=unit, label=label, dof=dof)
+    return budget(result, inputs, c, covariance=matrix)
+
+
+def propagate_covariance(
+    model: Model, x: ArrayLike, covariance: ArrayLike, *, method: str = "central"
+) -> tuple[Floats, Floats]:
+    """Propagate a covariance through a model with several results: values (m,) and covariance (m, m).
+
+    Examples
+    --------
+    >>> sum_and_difference = lambda x: [x[0] + x[1], x[0] - x[1]]
+    >>> propagate_covariance(sum_and_difference, [5.0, 3.0], [[4, 0], [0, 1]])[1].round(9).tolist()
+    [[5.0, 3.0], [3.0, 5.0]]
+    """
+    point = np.asarray(x, float)
+    matrix = _checked(covariance, point.size)
+    c = np.atleast_2d(jacobian(model, point, u=np.sqrt(np.diag(matrix)), method=method))
+    return np.atleast_1d(np.asarray(model(point), float)), c @ matrix @ c.T
+
+
+def effective_dof(
+    sensitivities: ArrayLike, covariance: ArrayLike, dof: Sequence[float], *, rule: str = "interpolated"
+) -> float:
+    """Welch-Satterthwaite degrees of freedom, ``u^4 / sum (u_g^4 / nu_g)`` (JCGM 100:2008, eq. G.2b).
+
+    The formula wants independent terms. Inputs correlated among themselves and of one and the same dof,
+    as means of repeated simultaneous readings are, count as one term g. Correlated inputs of different
+    dof are covered by no rule: the smallest is taken for the group, with a `DofWarning`.
+
+    Parameters
+    ----------
+    sensitivities, covariance, dof
+        (n,), (n, n) and (n,) of the inputs.
+    rule
+        "interpolated" or "truncated".
+    """
+    if rule not in _DOF_RULES:
+        raise ValueError(f"rule {rule!r} is not one of {_DOF_RULES}")
+    c, matrix = np.asarray(sensitivities, float), np.asarray(covariance, float)
+    total = float(c @ matrix @ c)
+    spread = 0.0
+    for group in _correlated_groups(matrix):
+        part = float(c[group] @ matrix[np.ix_(group, group)] @ c[group])
+        nu = _group_dof([dof[i] for i in group])
+        spread += 0.0 if math.isinf(nu) else part**2 / nu
+    if spread == 0.0:
+        return math.inf
+    nu = total**2 / spread
+    return float(math.floor(nu * (1 + 1e-12))) if rule == "truncated" else nu
+
+
+def second_order(
+    model: Model, inputs: Sequence[Estimate], *, covariance: ArrayLike | None = None
+) -> SecondOrder:
+    """Correct a result for the curvature of its model.
+
+    ``y = f + 1/2 sum f_ij u_ij`` (JCGM 100:2008 Amd. 1:2026, 4.1.4); the variance gains
+    ``sum (f_ij^2 / 2 + f_i f_ijj) u_i^2 u_j^2`` (5.1.2 NOTE), which holds for independent normal inputs
+    and is added for uncorrelated inputs only.
+
+    Parameters
+    ----------
+    model, inputs, covariance
+        As in `propagate`.
+
+    Examples
+    --------
+    >>> square = second_order(lambda x: x[0] ** 2, [Estimate(0.0, 1.0)])
+    >>> round(square.value, 6), round(square.u, 6)  # chi-square with one degree of freedom
+    (1.0, 1.414214)
+    """
+    x = np.array([item.value for item in inputs])
+    u = np.array([item.u for item in inputs])
+    matrix = np.diag(u**2) if covariance is None else _checked(covariance, len(x))
+    u = np.sqrt(np.diag(matrix))
+    second = hessian(model, x, u=u)
+    shift = 0.5 * float(np.sum(second * matrix))
+    c = jacobian(model, x, u=u)
+    variance = float(c @ matrix @ c)
+    if np.count_nonzero(matrix - np.diag(np.diag(matrix))) == 0:
+        third = _third(model, x, _steps(x, u) / 10)
+        variance += float(np.sum((0.5 * second**2 + c[:, None] * third) * np.outer(u**2, u**2)))
+    value = float(np.asarray(model(x)))
+    return SecondOrder(value + shift, shift, math.sqrt(max(variance, 0.0)))
+
+
+def _third(model: Model, x: Floats, steps: Floats) -> Floats:
+    """Differentiate f_ijj, (n, n)."""
+    n = x.size
+    third = np.zeros((n, n))
+    for j, h in enumerate(np.diag(steps)):
+
+        def curvature(p: Floats, h: Floats = h, j: int = j) -> float:
+            ends = np.asarray(model(p + h)) + np.asarray(model(p - h)) - 2 * np.asarray(model(p))
+            return float(ends) / h[j] ** 2
+
+        for i, g in enumerate(np.diag(steps)):
+            third[i, j] = (curvature(x + g) - curvature(x - g)) / (2 * g[i])
+    return third
+
+
+def _steps(x: Floats, u: ArrayLike | None) -> Floats:
+    given = np.zeros_like(x) if u is None else np.broadcast_to(np.asarray(u, float), x.shape)
+    return np.where(given > 0, given, 1e-3 * np.maximum(np.abs(x), 1e-3))
+
+
+def _checked(covariance: ArrayLike, size: int) -> Floats:
+    matrix = np.asarray(covariance, float)
+    if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
+        raise ValueError(
+            f"a symmetric covariance of shape ({size}, {size}) is needed, found shape {matrix.shape}"
+        )
+    return matrix
+
+
+def _correlated_groups(matrix: Floats) -> list[list[int]]:
+    groups: list[list[int]] = []
+    for i in range(len(matrix)):
+        touching = [g for g in groups if any(matrix[i, j] != 0 for j in g)]
+        groups = [g for g in groups if g not in touching] + [[*(j for g in touching for j in g), i]]
+    return groups
+
+
+def _group_dof(dof: Sequence[float]) -> float:
+    if len(set(dof)) > 1:
+        warnings.warn(
+            f"correlated inputs with different degrees of freedom {sorted(dof)}: Welch-Satterthwaite "
+            "does not cover them, the smallest is taken",
+            DofWarning,
+            stacklevel=4,
+        )
+    return min(dof)
