@@ -3,6 +3,8 @@
 from pathlib import Path
 
 import typer
+from rich import box
+from rich.console import JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
@@ -51,9 +53,12 @@ def show(outcome: SessionCheck) -> None:
 
 
 def _table(session: Session) -> Table:
-    table = Table(title=escape(f"{session.folder}: rig {session.rig}, {session.captured.isoformat()}"))
-    for heading in ("capture", "kind", "target", "images", "size px", "bits", "white", "sha256 of the first"):
-        table.add_column(heading, justify="right" if heading in ("images", "bits", "white") else "left")
+    title = escape(f"{session.folder}: rig {session.rig}, {session.captured.isoformat()}")
+    # Narrow enough for 80 columns, because a hash or a size that wraps cannot be compared.
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title_justify="left")
+    for heading in ("capture", "kind", "target", "images", "size px", "bits", "white", "sha256"):
+        justify: JustifyMethod = "right" if heading in ("images", "bits", "white") else "left"
+        table.add_column(heading, justify=justify, no_wrap=True)
     for capture in session.captures.values():
         height, width = capture.shape
         table.add_row(
@@ -64,6 +69,6 @@ def _table(session: Session) -> Table:
             f"{width} x {height}",
             str(capture.bits),
             str(capture.white_level),
-            capture.sha256[0][:12],
+            capture.sha256[0][:8],
         )
     return table
