@@ -5,6 +5,7 @@ from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
 from fringecal.phase.steps import StepEstimate, estimate_steps
+from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
 from fringecal.phase.unwrap import Unwrapped, unwrap
 
 __all__ = [
@@ -15,6 +16,8 @@ __all__ = [
     "Scheme",
     "StepEstimate",
     "Unwrapped",
+    "beat_period",
+    "beat_phase",
     "buckets",
     "carre",
     "carrier",
@@ -24,8 +27,10 @@ __all__ = [
     "fringe_period",
     "least_squares",
     "noise_from_repeats",
+    "order_error_rate",
     "phase_gradient",
     "quadrant_phase",
     "scheme",
     "unwrap",
+    "unwrap_temporal",
 ]

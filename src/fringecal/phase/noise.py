@@ -1,5 +1,6 @@
 """The camera's noise: what is stated, or what the pictures themselves show."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -84,13 +85,15 @@ def estimate_noise(
     return _line_through_bins(abscissa, residual, floor)
 
 
-def noise_from_repeats(sets: ArrayLike) -> Noise:
+def noise_from_repeats(sets: ArrayLike, *, white_level: float | None = None) -> Noise:
     """Estimate the camera's noise from repeated sets: the same frames taken R times.
 
     Parameters
     ----------
     sets
         Grey values, (R, N, H, W), R >= 2.
+    white_level
+        Saturation, grey levels; saturated pixels are left out.
 
     Notes
     -----
@@ -107,7 +110,19 @@ def noise_from_repeats(sets: ArrayLike) -> Noise:
     floor = ROUNDING_SIGMA if np.issubdtype(grey.dtype, np.integer) else 0.0
     values = grey.astype(np.float64)
     mean = (values[1:] + values[:-1]) / 2
-    return _line_through_bins(mean.ravel(), ((values[1:] - values[:-1]) / np.sqrt(2)).ravel(), floor)
+    white = np.inf if white_level is None else white_level
+    use = np.maximum(values[1:], values[:-1]) < white
+    return _line_through_bins(mean[use], ((values[1:] - values[:-1]) / np.sqrt(2))[use], floor, _mean_square)
+
+
+def _mean_square(residual: NDArray) -> float:
+    """Return the plain variance: differences of integers take few values, which a median would round to."""
+    return float(np.mean(np.square(residual)))
+
+
+def _robust_variance(residual: NDArray) -> float:
+    """Return the variance that the median absolute residual of normal noise implies."""
+    return float((_MAD_TO_SIGMA * np.median(np.abs(residual))) ** 2)
 
 
 def _sample(frames: NDArray, n_steps: int) -> NDArray:
@@ -157,8 +172,13 @@ def _usable(grey: NDArray, background: NDArray, white_level: float | None) -> ND
     return cv2.erode(good, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
 
 
-def _line_through_bins(abscissa: NDArray, residual: NDArray, floor: float) -> Noise:
-    """Fit `variance = r^2 + gain x`, neither negative, to robust variances in bins of equal count."""
+def _line_through_bins(
+    abscissa: NDArray,
+    residual: NDArray,
+    floor: float,
+    variance_of: Callable[[NDArray], float] = _robust_variance,
+) -> Noise:
+    """Fit `variance = r^2 + gain x`, neither negative, to the variances in bins of equal count."""
     bins = int(np.clip(abscissa.size // 2000, 1, 12))
     order = np.argsort(abscissa)
     xs: list[float] = []
@@ -166,7 +186,7 @@ def _line_through_bins(abscissa: NDArray, residual: NDArray, floor: float) -> No
     for part in np.array_split(order, bins):
         if part.size:
             xs.append(float(np.median(abscissa[part])))
-            variances.append(float((_MAD_TO_SIGMA * np.median(np.abs(residual[part]))) ** 2))
+            variances.append(variance_of(residual[part]))
     if not xs:
         return Noise(floor)
     x, variance = np.array(xs), np.maximum(variances, floor**2)

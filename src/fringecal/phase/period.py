@@ -67,8 +67,8 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
     usable = np.isfinite(gradient_u).sum(), np.isfinite(gradient_v).sum()
     if min(usable) < _LEAST_PIXELS:
         raise PhaseError(
-            f"found {usable[0]} and {usable[1]} pairs of valid neighbours along u and v; a fringe period needs "
-            f"at least {_LEAST_PIXELS} of each: check exposure and the mask's reasons"
+            f"found {usable[0]} and {usable[1]} pairs of valid neighbours along u and v; a fringe period "
+            f"needs at least {_LEAST_PIXELS} of each: check exposure and the mask's reasons"
         )
     slope_u, slope_v = float(np.nanmedian(gradient_u)), float(np.nanmedian(gradient_v))
     for _ in range(_ROUNDS):

@@ -113,16 +113,16 @@ def estimate_steps(
     PhaseError
         No phase, or fewer than four usable blocks: too few fringes or a surface that is too rough.
     """
-    grey = np.asarray(frames, dtype=np.float64)
+    grey = np.asarray(frames)
     stated = np.asarray(steps_rad, dtype=np.float64).ravel()
     found = stated.copy()
     for _ in range(_ROUNDS):
-        map_ = demodulate(np.asarray(frames), found, white_level=white_level, noise=Noise(1.0))
+        map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0))
         blocks = _measure_blocks(grey, map_, mask)
         if len(blocks) < _LEAST_BLOCKS:
             raise PhaseError(
-                f"found {len(blocks)} usable blocks of {BLOCK_FRINGES:g} fringes, {_LEAST_BLOCKS} are needed to "
-                "measure the steps: use a smooth surface with more fringes, such as the reference plate"
+                f"found {len(blocks)} usable blocks of {BLOCK_FRINGES:g} fringes, {_LEAST_BLOCKS} are needed "
+                "to measure the steps: use a smooth surface with more fringes, such as the reference plate"
             )
         estimate = _combine(blocks, stated, grey.shape[1:])
         moved = np.abs(estimate.steps_rad - found).max()
@@ -182,7 +182,9 @@ def _measure_block(grey: NDArray, phase: NDArray, pieces: NDArray) -> _Block | N
     carrier, roughness = _smooth(quadratic, phase[use])
     if roughness > _MAX_ROUGHNESS_RAD or np.ptp(carrier) < 2 * np.pi * _LEAST_CYCLES_IN_BLOCK:
         return None
-    return _fit_frames(grey[:, use], carrier, quadratic, (float(columns.mean()), float(rows.mean())))
+    return _fit_frames(
+        grey[:, use].astype(np.float64), carrier, quadratic, (float(columns.mean()), float(rows.mean()))
+    )
 
 
 def _smooth(basis: NDArray, values: NDArray) -> tuple[NDArray, float]:
