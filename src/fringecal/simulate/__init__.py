@@ -1,5 +1,6 @@
 """Virtual rigs: a small ray tracer of its own, never used by the code it tests."""
 
+from fringecal.simulate.analytic import AnalyticImages, analytic_images, rectangle_px, zigzag_px
 from fringecal.simulate.leaf import Leaf, leaf_scene
 from fringecal.simulate.library import list_rigs, load_rig
 from fringecal.simulate.objects import scene_of
@@ -10,6 +11,10 @@ from fringecal.simulate.sessions import SimulatedSession, simulate_session
 from fringecal.simulate.truth import Truth, apparent_angle_deg, projection_angle_deg, truth_of
 
 __all__ = [
+    "AnalyticImages",
+    "analytic_images",
+    "rectangle_px",
+    "zigzag_px",
     "Frames",
     "HeightField",
     "Leaf",

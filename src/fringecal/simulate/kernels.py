@@ -1,7 +1,8 @@
-"""Rays against surfaces: the innermost loops of the tracer, float64, the same on any number of threads.
+"""Rays against surfaces: the innermost loops of the tracer, float64.
 
 A camera ray is parametrised by height: its point at height z is (ax + bx z, ay + by z, z), and what the
-camera sees is the surface with the largest z on it.
+camera sees is the surface with the largest z on it. Functions take the arrays they need rather than the
+whole `World`, and each loops by itself: so the compiler drops all counting of references to arrays.
 """
 
 from typing import Any, NamedTuple
@@ -9,44 +10,63 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fringecal.simulate.compiled import compiled
-from fringecal.simulate.scene import Scene
+from fringecal.simulate.scene import HeightField, Scene
+
+type Triple = tuple[float, float, float]
+type Ray = tuple[float, float, float, float]
 
 PLATE = 0
 TOUCH_MM = 1e-7
 MARCH_STEPS = 4000
 MARCH_MIN_MM = 0.02
+# Rows of `World.solids` and `World.field`.
+FIRST, LAST, X0, X1, Y0, Y1, TOP, ALBEDO = range(8)
+HEIGHT, SLOPE_X, SLOPE_Y, REFLECTANCE = range(4)
 
 
 class World(NamedTuple):
     """A scene ready for tracing; lengths in mm.
 
-    Solids: `planes[first[s]:first[s + 1]]`, bounding boxes (x0, x1, y0, y1, z1) and albedos. Height
-    field: heights, slopes and albedo at its nodes; `frame` is (centre x, centre y, cos, sin, step,
-    largest height, largest slope).
+    Parameters
+    ----------
+    base
+        The flat: z = c0 + cx x + cy y.
+    n_solids, n_faces, n_spheres, has_field
+        What there is.
+    planes
+        Shape (n_faces, 4): normals and distances of all solids' faces.
+    solids
+        Shape (n_solids, 8): first and last (exclusive) plane, bounding box x0, x1, y0, y1, z1, albedo.
+    spheres
+        Shape (n_spheres, 5): centre, radius, albedo.
+    field
+        Shape (4, ny, nx): height, its slopes along the grid's x and y, albedo.
+    frame
+        Of the field: centre x, y, cosine and sine of its turn, step, largest height, largest slope.
     """
 
-    base: tuple[float, float, float]
+    base: Triple
+    n_solids: int
+    n_faces: int
+    n_spheres: int
+    has_field: bool
     planes: np.ndarray
-    first: np.ndarray
-    boxes: np.ndarray
-    albedos: np.ndarray
+    solids: np.ndarray
     spheres: np.ndarray
-    heights: np.ndarray
-    slopes_x: np.ndarray
-    slopes_y: np.ndarray
-    height_albedo: np.ndarray
+    field: np.ndarray
     frame: tuple[float, float, float, float, float, float, float]
 
 
 def build_world(scene: Scene) -> World:
     """Tabulate a scene for the kernels."""
-    solids = scene.solids
-    planes = np.vstack([np.zeros((0, 4)), *(s.planes for s in solids)])
-    first = np.cumsum([0, *(len(s.planes) for s in solids)])
-    boxes = np.array([_bounds(s.corners) for s in solids]).reshape(-1, 5)
-    spheres = np.array(scene.spheres, float).reshape(-1, 5)
-    albedos = np.array([s.albedo for s in solids], float)
-    return World(scene.base, planes, first, boxes, albedos, spheres, *_field_tables(scene))
+    planes = np.vstack([np.zeros((0, 4)), *(solid.planes for solid in scene.solids)])
+    first = np.cumsum([0, *(len(solid.planes) for solid in scene.solids)])
+    spans = zip(first[:-1], first[1:], scene.solids, strict=True)
+    rows = [(start, stop, *_bounds(solid.corners), solid.albedo) for start, stop, solid in spans]
+    field, frame = _field_tables(scene.height_field)
+    solids, spheres = np.array(rows, float).reshape(-1, 8), np.array(scene.spheres, float).reshape(-1, 5)
+    counts = len(solids), len(planes), len(spheres), scene.height_field is not None
+    return World(scene.base, *counts, planes, solids, spheres, field, frame)
 
 
 def _bounds(corners: np.ndarray) -> tuple[float, ...]:
@@ -54,218 +74,217 @@ def _bounds(corners: np.ndarray) -> tuple[float, ...]:
     return low[0], high[0], low[1], high[1], high[2]
 
 
-def _field_tables(scene: Scene) -> tuple[Any, ...]:
-    field = scene.height_field
+def _field_tables(field: HeightField | None) -> tuple[np.ndarray, Any]:
     if field is None:
-        return *(np.zeros((0, 0)),) * 4, (0.0,) * 7
-    z = np.ascontiguousarray(field.z_mm, float)
-    slopes_y, slopes_x = (np.ascontiguousarray(slope) for slope in np.gradient(z, field.step_mm))
+        return np.zeros((4, 2, 2)), (0.0,) * 7
+    z = np.asarray(field.z_mm, float)
+    slopes_y, slopes_x = np.gradient(z, field.step_mm)
     # Of the bilinear surface itself: no straight step between nodes is steeper than these.
     steepest = np.hypot(np.abs(np.diff(z, axis=0)).max(), np.abs(np.diff(z, axis=1)).max()) / field.step_mm
-    c, s = np.cos(field.angle_rad), np.sin(field.angle_rad)
-    frame = (*field.centre_mm, float(c), float(s), field.step_mm, float(z.max()), float(steepest))
-    return z, slopes_x, slopes_y, np.ascontiguousarray(field.albedo, float), frame
+    turn = float(np.cos(field.angle_rad)), float(np.sin(field.angle_rad))
+    frame = (*field.centre_mm, *turn, float(field.step_mm), float(z.max()), float(steepest))
+    return np.stack([z, slopes_x, slopes_y, np.asarray(field.albedo, float)]), frame
 
 
 @compiled
-def see(
-    world: World, ray: tuple[float, float, float, float]
-) -> tuple[float, int, float, float, float, float]:
+def see(world: World, ray: Ray) -> tuple[float, int, Triple, float]:
     """First surface on a camera ray: height, surface number, outward normal and relative albedo.
 
     Surfaces are numbered: 0 the flat, then every face of every solid, every sphere, the height field.
     """
-    ax, ay, bx, by = ray
-    c0, cx, cy = world.base[0], world.base[1], world.base[2]
-    z = (c0 + cx * ax + cy * ay) / (1 - cx * bx - cy * by)
+    c0, cx, cy = world.base
+    z = (c0 + cx * ray[0] + cy * ray[1]) / (1 - cx * ray[2] - cy * ray[3])
     length = np.sqrt(1 + cx * cx + cy * cy)
-    surface, albedo = PLATE, 1.0
-    nx, ny, nz = -cx / length, -cy / length, 1 / length
-    for s in range(world.boxes.shape[0]):
-        z_hit, face = _see_solid(world, s, ray)
+    surface, normal, albedo = PLATE, (-cx / length, -cy / length, 1 / length), 1.0
+    if world.n_solids > 0:
+        z_hit, face, solid = _highest_face(world.planes, world.solids, ray)
         if z_hit > z:
-            z, surface, albedo = z_hit, 1 + face, world.albedos[s]
-            nx, ny, nz = world.planes[face, 0], world.planes[face, 1], world.planes[face, 2]
-    n_faces = world.planes.shape[0]
-    for k in range(world.spheres.shape[0]):
-        z_hit = _see_sphere(world, k, ray)
+            z, surface = z_hit, 1 + face
+            albedo, normal = _face_surface(world.planes, world.solids, face, solid)
+    if world.n_spheres > 0:
+        z_hit, k = _highest_sphere(world.spheres, ray)
         if z_hit > z:
-            z, surface, r = z_hit, 1 + n_faces + k, world.spheres[k, 3]
-            nx, ny = (ax + bx * z - world.spheres[k, 0]) / r, (ay + by * z - world.spheres[k, 1]) / r
-            nz, albedo = (z - world.spheres[k, 2]) / r, world.spheres[k, 4]
-    if world.heights.shape[0] > 0:
-        z_hit = _see_field(world, ray, z)
+            z, surface = z_hit, 1 + world.n_faces + k
+            albedo, normal = _sphere_surface(world.spheres, k, ray, z)
+    if world.has_field:
+        z_hit = _field_hit(world.field, world.frame, ray, z)
         if z_hit > z + TOUCH_MM:
-            z, surface = z_hit, 1 + n_faces + world.spheres.shape[0]
-            albedo, nx, ny, nz = _field_surface(world, ax + bx * z, ay + by * z)
-    return z, surface, nx, ny, nz, albedo
+            z, surface = z_hit, 1 + world.n_faces + world.n_spheres
+            albedo, normal = _field_surface(
+                world.field, world.frame, ray[0] + ray[2] * z, ray[1] + ray[3] * z
+            )
+    return z, surface, normal, albedo
 
 
 @compiled
-def _see_solid(world: World, s: int, ray: tuple[float, float, float, float]) -> tuple[float, int]:
+def _highest_face(planes: np.ndarray, solids: np.ndarray, ray: Ray) -> tuple[float, int, int]:
+    """Height, face and solid of the highest point of a ray inside any convex solid."""
     ax, ay, bx, by = ray
-    x1, y1 = ax + bx * world.boxes[s, 4], ay + by * world.boxes[s, 4]
-    if max(ax, x1) < world.boxes[s, 0] or min(ax, x1) > world.boxes[s, 1]:
-        return -np.inf, -1
-    if max(ay, y1) < world.boxes[s, 2] or min(ay, y1) > world.boxes[s, 3]:
-        return -np.inf, -1
-    low, high, face = -np.inf, np.inf, -1
-    for i in range(world.first[s], world.first[s + 1]):
-        nx, ny, nz = world.planes[i, 0], world.planes[i, 1], world.planes[i, 2]
-        room = world.planes[i, 3] - nx * ax - ny * ay
-        rate = nx * bx + ny * by + nz
-        if rate > 0:
-            if room / rate < high:
+    best, best_face, best_solid = -np.inf, -1, -1
+    for s in range(solids.shape[0]):
+        x_top, y_top = ax + bx * solids[s, TOP], ay + by * solids[s, TOP]
+        beside_x = max(ax, x_top) < solids[s, X0] or min(ax, x_top) > solids[s, X1]
+        beside_y = max(ay, y_top) < solids[s, Y0] or min(ay, y_top) > solids[s, Y1]
+        if beside_x or beside_y:
+            continue
+        low, high, face = -np.inf, np.inf, -1
+        for i in range(int(solids[s, FIRST]), int(solids[s, LAST])):
+            room = planes[i, 3] - planes[i, 0] * ax - planes[i, 1] * ay
+            rate = planes[i, 0] * bx + planes[i, 1] * by + planes[i, 2]
+            if rate > 0 and room / rate < high:
                 high, face = room / rate, i
-        elif rate < 0:
-            low = max(low, room / rate)
-        elif room < 0:
-            return -np.inf, -1
-    return (high, face) if high > low else (-np.inf, -1)
+            elif rate < 0:
+                low = max(low, room / rate)
+            elif rate == 0 and room < 0:
+                low = np.inf
+        if high > low and high > best:
+            best, best_face, best_solid = high, face, s
+    return best, best_face, best_solid
 
 
 @compiled
-def _see_sphere(world: World, k: int, ray: tuple[float, float, float, float]) -> float:
-    ax, ay, bx, by = ray
-    dx, dy, dz = ax - world.spheres[k, 0], ay - world.spheres[k, 1], -world.spheres[k, 2]
-    r = world.spheres[k, 3]
-    a = 1 + bx * bx + by * by
-    half = bx * dx + by * dy + dz
-    inside = half * half - a * (dx * dx + dy * dy + dz * dz - r * r)
-    return (-half + np.sqrt(inside)) / a if inside > 0 else -np.inf
+def _face_surface(planes: np.ndarray, solids: np.ndarray, face: int, solid: int) -> tuple[float, Triple]:
+    return solids[solid, ALBEDO], (planes[face, 0], planes[face, 1], planes[face, 2])
 
 
 @compiled
-def _see_field(world: World, ray: tuple[float, float, float, float], floor: float) -> float:
-    """March down the ray by steps that the steepest slope allows, so that no surface is stepped over."""
+def _highest_sphere(spheres: np.ndarray, ray: Ray) -> tuple[float, int]:
+    """Height and number of the highest sphere that a ray meets."""
     ax, ay, bx, by = ray
-    top, steepest = world.frame[5], world.frame[6]
-    rate = 1 + steepest * np.hypot(bx, by)
-    z = top
+    best, best_k = -np.inf, -1
+    for k in range(spheres.shape[0]):
+        dx, dy, dz, r = ax - spheres[k, 0], ay - spheres[k, 1], -spheres[k, 2], spheres[k, 3]
+        a = 1 + bx * bx + by * by
+        half = bx * dx + by * dy + dz
+        inside = half * half - a * (dx * dx + dy * dy + dz * dz - r * r)
+        if inside > 0 and (-half + np.sqrt(inside)) / a > best:
+            best, best_k = (-half + np.sqrt(inside)) / a, k
+    return best, best_k
+
+
+@compiled
+def _sphere_surface(spheres: np.ndarray, k: int, ray: Ray, z: float) -> tuple[float, Triple]:
+    r = spheres[k, 3]
+    x, y = ray[0] + ray[2] * z, ray[1] + ray[3] * z
+    return spheres[k, 4], ((x - spheres[k, 0]) / r, (y - spheres[k, 1]) / r, (z - spheres[k, 2]) / r)
+
+
+@compiled
+def _field_hit(field: np.ndarray, frame: Any, ray: Ray, floor: float) -> float:
+    """March down a ray by steps that the steepest slope allows, so that no surface is stepped over."""
+    rate = 1 + frame[6] * np.hypot(ray[2], ray[3])
+    z = frame[5]
     for _ in range(MARCH_STEPS):
-        clear = z - field_height(world, ax + bx * z, ay + by * z)
+        clear = z - field_height(field, frame, ray[0] + ray[2] * z, ray[1] + ray[3] * z)
         if clear < TOUCH_MM or z < floor:
             break
         z -= clear / rate
-    return z if z >= floor else -np.inf
+    return z
 
 
 @compiled
-def _node(world: World, x: float, y: float) -> tuple[float, float]:
-    """Position on the height field in node units (column, row)."""
-    f = world.frame
-    dx, dy = x - f[0], y - f[1]
-    column = (f[2] * dx + f[3] * dy) / f[4] + 0.5 * (world.heights.shape[1] - 1)
-    row = (-f[3] * dx + f[2] * dy) / f[4] + 0.5 * (world.heights.shape[0] - 1)
-    return column, row
-
-
-@compiled
-def bilinear(table: np.ndarray, column: float, row: float) -> float:
-    """Interpolate a table between its four nearest nodes; the position must lie on the table."""
-    i = min(max(int(np.floor(row)), 0), table.shape[0] - 2)
-    j = min(max(int(np.floor(column)), 0), table.shape[1] - 2)
+def bilinear(tables: np.ndarray, k: int, column: float, row: float) -> float:
+    """Interpolate table `k` between its four nearest nodes; the position must lie on the table."""
+    i = min(max(int(np.floor(row)), 0), tables.shape[1] - 2)
+    j = min(max(int(np.floor(column)), 0), tables.shape[2] - 2)
     s, t = column - j, row - i
-    upper = (1 - s) * table[i, j] + s * table[i, j + 1]
-    lower = (1 - s) * table[i + 1, j] + s * table[i + 1, j + 1]
+    upper = (1 - s) * tables[k, i, j] + s * tables[k, i, j + 1]
+    lower = (1 - s) * tables[k, i + 1, j] + s * tables[k, i + 1, j + 1]
     return (1 - t) * upper + t * lower
 
 
 @compiled
-def field_height(world: World, x: float, y: float) -> float:
+def _node(field: np.ndarray, frame: Any, x: float, y: float) -> tuple[float, float]:
+    """Position on the height field in node units (column, row)."""
+    dx, dy = x - frame[0], y - frame[1]
+    column = (frame[2] * dx + frame[3] * dy) / frame[4] + 0.5 * (field.shape[2] - 1)
+    row = (-frame[3] * dx + frame[2] * dy) / frame[4] + 0.5 * (field.shape[1] - 1)
+    return column, row
+
+
+@compiled
+def field_height(field: np.ndarray, frame: Any, x: float, y: float) -> float:
     """Height of the height field over a point of the plate, 0 beside it."""
-    column, row = _node(world, x, y)
-    ny, nx = world.heights.shape
-    if column < 0 or row < 0 or column > nx - 1 or row > ny - 1:
-        return 0.0
-    return bilinear(world.heights, column, row)
+    column, row = _node(field, frame, x, y)
+    inside = 0 <= column <= field.shape[2] - 1 and 0 <= row <= field.shape[1] - 1
+    return bilinear(field, HEIGHT, column, row) if inside else 0.0
 
 
 @compiled
-def _field_surface(world: World, x: float, y: float) -> tuple[float, float, float, float]:
-    column, row = _node(world, x, y)
-    column = min(max(column, 0.0), world.heights.shape[1] - 1.0)
-    row = min(max(row, 0.0), world.heights.shape[0] - 1.0)
-    gx = bilinear(world.slopes_x, column, row)
-    gy = bilinear(world.slopes_y, column, row)
-    c, s = world.frame[2], world.frame[3]
+def _field_surface(field: np.ndarray, frame: Any, x: float, y: float) -> tuple[float, Triple]:
+    """Albedo and normal of the height field, slopes interpolated between nodes."""
+    column, row = _node(field, frame, x, y)
+    column = min(max(column, 0.0), field.shape[2] - 1.0)
+    row = min(max(row, 0.0), field.shape[1] - 1.0)
+    gx, gy = bilinear(field, SLOPE_X, column, row), bilinear(field, SLOPE_Y, column, row)
     length = np.sqrt(1 + gx * gx + gy * gy)
-    albedo = bilinear(world.height_albedo, column, row)
-    return albedo, -(c * gx - s * gy) / length, -(s * gx + c * gy) / length, 1 / length
+    nx, ny = -(frame[2] * gx - frame[3] * gy) / length, -(frame[3] * gx + frame[2] * gy) / length
+    return bilinear(field, REFLECTANCE, column, row), (nx, ny, 1 / length)
 
 
 @compiled
-def shadowed(
-    world: World, surface: int, point: tuple[float, float, float], lamp: tuple[float, float, float]
-) -> bool:
+def shadowed(world: World, surface: int, point: Triple, lamp: Triple) -> bool:
     """Whether anything stands between a surface point and the lamp."""
-    for s in range(world.boxes.shape[0]):
-        # A convex solid cannot shade a face of its own that is turned to the lamp.
-        own = world.first[s] < surface <= world.first[s + 1]
-        if not own and _solid_between(world, s, point, lamp):
-            return True
-    first_sphere = 1 + world.planes.shape[0]
-    for k in range(world.spheres.shape[0]):
-        if surface != first_sphere + k and _sphere_between(world, k, point, lamp):
-            return True
-    return world.heights.shape[0] > 0 and _field_between(world, point, lamp)
+    if world.n_solids > 0 and _solid_between(world.planes, world.solids, surface, point, lamp):
+        return True
+    if world.n_spheres > 0 and _sphere_between(world.spheres, surface - 1 - world.n_faces, point, lamp):
+        return True
+    return world.has_field and _field_between(world.field, world.frame, point, lamp)
 
 
 @compiled
-def _solid_between(
-    world: World, s: int, point: tuple[float, float, float], lamp: tuple[float, float, float]
-) -> bool:
+def _solid_between(planes: np.ndarray, solids: np.ndarray, surface: int, point: Triple, lamp: Triple) -> bool:
     x, y, z = point
     dx, dy, dz = lamp[0] - x, lamp[1] - y, lamp[2] - z
-    # Above its top a solid shades nothing: look only at the part of the path below it.
-    below = min(1.0, (world.boxes[s, 4] - z) / dz)
-    if max(x, x + below * dx) < world.boxes[s, 0] or min(x, x + below * dx) > world.boxes[s, 1]:
-        return False
-    if max(y, y + below * dy) < world.boxes[s, 2] or min(y, y + below * dy) > world.boxes[s, 3]:
-        return False
-    enter, leave = 0.0, 1.0
-    for i in range(world.first[s], world.first[s + 1]):
-        nx, ny, nz = world.planes[i, 0], world.planes[i, 1], world.planes[i, 2]
-        room = world.planes[i, 3] - nx * x - ny * y - nz * z
-        rate = nx * dx + ny * dy + nz * dz
-        if rate > 0:
-            leave = min(leave, room / rate)
-        elif rate < 0:
-            enter = max(enter, room / rate)
-        elif room < 0:
-            return False
-        # Solids that touch meet the ray over a length of rounding errors only.
-        if leave - enter < 1e-12:
-            return False
-    return True
+    hidden = False
+    for s in range(solids.shape[0]):
+        # Above its top a solid shades nothing: look only at the part of the path below it.
+        below = min(1.0, (solids[s, TOP] - z) / dz)
+        beside_x = max(x, x + below * dx) < solids[s, X0] or min(x, x + below * dx) > solids[s, X1]
+        beside_y = max(y, y + below * dy) < solids[s, Y0] or min(y, y + below * dy) > solids[s, Y1]
+        # A convex solid cannot shade a face of its own that is turned to the lamp.
+        own = solids[s, FIRST] < surface <= solids[s, LAST]
+        if own or below <= 0 or beside_x or beside_y:
+            continue
+        enter, leave = 0.0, 1.0
+        for i in range(int(solids[s, FIRST]), int(solids[s, LAST])):
+            room = planes[i, 3] - planes[i, 0] * x - planes[i, 1] * y - planes[i, 2] * z
+            rate = planes[i, 0] * dx + planes[i, 1] * dy + planes[i, 2] * dz
+            if rate > 0:
+                leave = min(leave, room / rate)
+            elif rate < 0:
+                enter = max(enter, room / rate)
+            elif room < 0:
+                leave = -1.0
+        # Solids that touch the surface meet its light over a length of rounding errors only.
+        hidden = hidden or leave - enter > 1e-12
+    return hidden
 
 
 @compiled
-def _sphere_between(
-    world: World, k: int, point: tuple[float, float, float], lamp: tuple[float, float, float]
-) -> bool:
-    ox, oy = point[0] - world.spheres[k, 0], point[1] - world.spheres[k, 1]
-    oz, r = point[2] - world.spheres[k, 2], world.spheres[k, 3]
+def _sphere_between(spheres: np.ndarray, own: int, point: Triple, lamp: Triple) -> bool:
     dx, dy, dz = lamp[0] - point[0], lamp[1] - point[1], lamp[2] - point[2]
     a = dx * dx + dy * dy + dz * dz
-    half = ox * dx + oy * dy + oz * dz
-    outside = ox * ox + oy * oy + oz * oz - r * r
-    return half < 0 and half * half > a * outside
+    hidden = False
+    for k in range(spheres.shape[0]):
+        ox, oy, oz = point[0] - spheres[k, 0], point[1] - spheres[k, 1], point[2] - spheres[k, 2]
+        half = ox * dx + oy * dy + oz * dz
+        outside = ox * ox + oy * oy + oz * oz - spheres[k, 3] * spheres[k, 3]
+        hidden = hidden or (k != own and half < 0 and half * half > a * outside)
+    return hidden
 
 
 @compiled
-def _field_between(world: World, point: tuple[float, float, float], lamp: tuple[float, float, float]) -> bool:
+def _field_between(field: np.ndarray, frame: Any, point: Triple, lamp: Triple) -> bool:
     dx, dy, dz = lamp[0] - point[0], lamp[1] - point[1], lamp[2] - point[2]
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx / length, dy / length, dz / length
-    rate = abs(dz) + world.frame[6] * np.hypot(dx, dy)
-    t = MARCH_MIN_MM
+    rate = abs(dz) + frame[6] * np.hypot(dx, dy)
+    t, clear = MARCH_MIN_MM, 0.0
     for _ in range(MARCH_STEPS):
         z = point[2] + t * dz
-        if z > world.frame[5] or t > length:
-            return False
-        clear = z - field_height(world, point[0] + t * dx, point[1] + t * dy)
-        if clear < -TOUCH_MM:
-            return True
+        if z > frame[5] or t > length or clear < -TOUCH_MM:
+            break
+        clear = z - field_height(field, frame, point[0] + t * dx, point[1] + t * dy)
         t += max(clear / rate, MARCH_MIN_MM)
-    return False
+    return clear < -TOUCH_MM

@@ -67,7 +67,7 @@ def _envelope(leaf: Leaf, x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _pleat_position(leaf: Leaf, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Number of pleats from the midrib; lines of whole number are the ridges."""
+    """Count pleats from the midrib; lines of whole number are the ridges."""
     narrowing = 1 - leaf.fan * (2 * y / leaf.length_mm) ** 2
     return x / (leaf.pleat_mm * narrowing)
 
@@ -84,5 +84,5 @@ def _fold(position: np.ndarray, sharpness: float) -> np.ndarray:
 def _albedo(position: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     on_ridge = np.exp(-(((position - np.round(position)) / 0.03) ** 2))
     midrib = np.exp(-((x / 1.2) ** 2))
-    side_veins = np.exp(-(((np.abs(x) * 0.6 - y) / 14 % 1 - 0.5) / 0.04) ** 2)
+    side_veins = np.exp(-((((np.abs(x) * 0.6 - y) / 14 % 1 - 0.5) / 0.04) ** 2))
     return BLADE + (VEIN - BLADE) * np.maximum(np.maximum(on_ridge, midrib), 0.6 * side_veins)

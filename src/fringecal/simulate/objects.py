@@ -47,13 +47,13 @@ def scene_of(target: Target, *, field_mm: tuple[float, float] = (400.0, 400.0)) 
 def box(
     x_mm: tuple[float, float], y_mm: tuple[float, float], height_mm: float, *, albedo: float = 1.0
 ) -> Solid:
-    """A block on the plate between two x and two y."""
+    """Stand a block on the plate between two x and two y."""
     outline = [(x_mm[0], 0.0), (x_mm[1], 0.0), (x_mm[1], height_mm), (x_mm[0], height_mm)]
     return prism(np.array(outline), y_mm, albedo=albedo)
 
 
 def prism(outline_mm: np.ndarray, y_mm: tuple[float, float], *, albedo: float = 1.0) -> Solid:
-    """A prism along y with a convex cross-section.
+    """Build a prism along y with a convex cross-section.
 
     Parameters
     ----------

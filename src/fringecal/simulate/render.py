@@ -17,7 +17,7 @@ from fringecal.simulate.projector import Projector, build_projector, harmonics
 from fringecal.simulate.rig import RigSpec, StepsSpec, SurfaceSpec
 from fringecal.simulate.scene import Scene
 from fringecal.simulate.sensor import exposed, lamp_factors
-from fringecal.simulate.shading import Light, Texture, collect, trace_centres
+from fringecal.simulate.shading import Light, Samples, Texture, collect_fringes, collect_room, trace_centres
 
 TEXTURE_CELLS = 256
 EDGE_SAMPLES = 34
@@ -87,18 +87,19 @@ def render(
     """
     camera, projector = build_camera(rig.camera), build_projector(rig.projector)
     world, table = build_world(scene), pattern_table(scene.pattern)
-    fringes = light == "fringes"
-    if fringes:
-        _refuse_below_plate(rig)
     maps, keys = _centres(rig, camera, projector, world, table)
-    lamp = lamp_factors(rig, seed, len(rig.steps.nominal_deg) if fringes else 1, noise=noise)
-    lamp_light = _light(rig, lamp, fringes=fringes)
-    edges, outer = _edges(rig, keys, maps[5]), _lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
-    levels = np.empty((lamp.size, *keys.shape))
-    soft_mm = rig.camera.scale_mm_per_px / len(outer)
-    texture = _texture(rig.surface)
-    over_rows(collect, keys.shape[0], camera, projector, world, table, texture, lamp_light, edges, _gauss(), outer, soft_mm, levels)
-    return _frames(rig, exposed(rig, _blurred(levels, rig), seed, noise=noise), maps, keys, lamp_light)
+    samples, texture = _samples(rig, scene, keys, maps[5]), _texture(rig.surface)
+    if light == "fringes":
+        _refuse_grazing(rig)
+        exposure = _fringe_light(rig, lamp_factors(rig, seed, len(rig.steps.nominal_deg), noise=noise))
+        levels = np.empty((len(exposure.steps), *keys.shape))
+        optics = camera, projector, world, table, texture, exposure
+        over_rows(collect_fringes, len(keys), *optics, samples, levels)
+    else:
+        exposure = _room_light(rig)
+        levels = np.empty((1, *keys.shape))
+        over_rows(collect_room, len(keys), camera, world, table, texture, exposure, samples, levels[0])
+    return _frames(rig, exposed(rig, _blurred(levels, rig), seed, noise=noise), maps, keys, exposure)
 
 
 def plate_points(rig: RigSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -109,7 +110,7 @@ def plate_points(rig: RigSpec) -> tuple[np.ndarray, np.ndarray]:
 
 
 def true_steps_rad(steps: StepsSpec, width_px: int, height_px: int) -> np.ndarray:
-    """True phase step per frame: at the image centre, and its change per px along u and v; shape (N, 3)."""
+    """Give true steps per frame in rad: at the image centre, and per px along u and v; shape (N, 3)."""
     n = len(steps.nominal_deg)
     step = np.array(steps.nominal_deg) + (np.array(steps.error_deg) if steps.error_deg else np.zeros(n))
     tilt = np.array(steps.tilt_deg) if steps.tilt_deg else np.zeros((n, 2))
@@ -125,37 +126,49 @@ def _centres(
     return maps, keys
 
 
-def _refuse_below_plate(rig: RigSpec) -> None:
+def _refuse_grazing(rig: RigSpec) -> None:
     aim, position = np.array(rig.projector.aim_mm), np.array(rig.projector.position_mm)
     if math.hypot(*(aim - position[:2])) > 10 * position[2]:
         raise FringecalError(
-            f"the projector at {rig.projector.position_mm} mm grazes the plate; bring it above 6 deg of elevation"
+            f"the projector at {rig.projector.position_mm} mm grazes the plate; raise it above 6 deg"
         )
 
 
-def _light(rig: RigSpec, lamp: np.ndarray, *, fringes: bool) -> Light:
-    camera, light = rig.camera, rig.light
-    share = light.mid_grey / (1 + light.ambient) if fringes else light.room_grey
-    whole = light.mid_grey if fringes else light.room_grey
-    # The stated grey is what the sensor delivers: undo its response, keep ambient's share.
-    linear = camera.white_level * whole ** (1 / camera.gamma) * share / whole
-    gradient = (light.room_gradient[0] / camera.width_px, light.room_gradient[1] / camera.height_px)
-    half_diagonal_px = math.hypot(camera.width_px, camera.height_px) / 2
+def _fringe_light(rig: RigSpec, lamp: np.ndarray) -> Light:
+    light = rig.light
+    steps = true_steps_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
     r2 = float(np.sum(np.square(rig.projector.position_mm)))
-    irradiance = rig.projector.position_mm[2] / r2**1.5
-    steps = true_steps_rad(rig.steps, camera.width_px, camera.height_px)
+    return _room_light(rig)._replace(
+        steps=np.column_stack([steps, lamp]),
+        irradiance=rig.projector.position_mm[2] / r2**1.5,
+        scale=_linear_level(rig, light.mid_grey) / (1 + light.ambient),
+    )
+
+
+def _room_light(rig: RigSpec) -> Light:
+    camera, light = rig.camera, rig.light
+    per_px = light.room_gradient[0] / camera.width_px, light.room_gradient[1] / camera.height_px
+    vignetting = camera.vignetting / (math.hypot(camera.width_px, camera.height_px) / 2) ** 2
+    level = _linear_level(rig, light.room_grey)
     return Light(
-        fringes, harmonics(rig), steps, lamp, light.ambient, light.shading, irradiance, linear,
-        gradient, camera.vignetting, half_diagonal_px, image_centre(camera),
+        harmonics(rig), np.zeros((1, 4)), light.ambient, light.shading, 1.0,
+        level, per_px, vignetting, image_centre(camera),
     )  # fmt: skip
 
 
-def _edges(rig: RigSpec, keys: np.ndarray, print_mm: np.ndarray) -> np.ndarray:
-    """Pixels that an edge may pass: a neighbour sees another surface or light, or ink ends within reach."""
+def _linear_level(rig: RigSpec, grey: float) -> float:
+    """Level on a linear sensor that the camera's response turns into the stated share of white."""
+    return rig.camera.white_level * grey ** (1 / rig.camera.gamma)
+
+
+def _samples(rig: RigSpec, scene: Scene, keys: np.ndarray, print_mm: np.ndarray) -> Samples:
+    """Sample more where an edge may pass: a neighbour sees another face or light, or ink ends near."""
+    outer = _lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
     same = ndimage.minimum_filter(keys, 3) == ndimage.maximum_filter(keys, 3)
-    # An edge crosses a pixel only within half its diagonal of the centre; tilt and distortion
-    # stretch pixels by far less than the margin up to one whole pixel.
-    return ~same | (print_mm < rig.camera.scale_mm_per_px)
+    # An edge crosses a pixel only within half its diagonal, 0.71 px, of the centre. The margin to
+    # 0.9 px is for tilt and distortion, which stretch pixels away from the image centre.
+    edges = ~same | (print_mm < 0.9 * rig.camera.scale_mm_per_px)
+    return Samples(edges, _gauss(), outer, rig.camera.scale_mm_per_px / len(outer))
 
 
 def _gauss() -> np.ndarray:
@@ -175,8 +188,10 @@ def _texture(surface: SurfaceSpec) -> Texture:
     # Spline smoothing over one cell rounds the corners of bilinear interpolation; unit variance after it.
     tables[0] = ndimage.gaussian_filter(tables[0], 1.0, mode="wrap")
     tables[0] /= tables[0].std()
-    smooth, speckle = (np.pad(table, (0, 1), mode="wrap") for table in tables)
-    return Texture(surface.smooth * smooth, surface.smooth_mm, surface.speckle * speckle, surface.speckle_mm)
+    tables *= np.array([surface.smooth, surface.speckle])[:, None, None]
+    return Texture(
+        np.pad(tables, ((0, 0), (0, 1), (0, 1)), mode="wrap"), surface.smooth_mm, surface.speckle_mm
+    )
 
 
 def _blurred(levels: np.ndarray, rig: RigSpec) -> np.ndarray:

@@ -1,6 +1,5 @@
 """Whole sessions from a virtual rig: the document, its pictures, its targets, and the truth beside them."""
 
-import io
 import json
 import zlib
 from collections.abc import Callable, Iterable, Mapping
@@ -11,19 +10,16 @@ from typing import Any
 import numpy as np
 
 from fringecal.errors import FringecalError
-from fringecal.simulate.leaf import leaf_scene
-from fringecal.simulate.objects import scene_of
-from fringecal.simulate.render import Frames, plate_points, render, true_steps_rad
+from fringecal.simulate.captures import capture_scene, stated_target
+from fringecal.simulate.render import Frames, render
 from fringecal.simulate.rig import CaptureSpec, RigSpec
-from fringecal.simulate.scene import Scene, plate
 from fringecal.simulate.sensor import stream
-from fringecal.simulate.truth import lens_shift_at_point_px, projection_angle_deg, truth_of
-from fringecal.targets import Target, load_target, parse_target
+from fringecal.simulate.truth_files import truth_files
+from fringecal.targets import Target
 
 # Virtual sessions are taken at one moment, so that the same seed gives the same bytes.
 CAPTURED = datetime(2008, 1, 1, 12, tzinfo=UTC)
 STATED_STREAM = zlib.crc32(b"stated")
-ANGLE_POINTS_MM = (-80, -40, 0, 40, 80)
 
 type Progress = Callable[[str], None]
 
@@ -106,31 +102,6 @@ def take(rig: RigSpec, capture: CaptureSpec, target: Target | None = None, *, se
     return render(rig, scene, seed=stream_seed, light="room" if by_room_light else "fringes")
 
 
-def capture_scene(rig: RigSpec, capture: CaptureSpec, target: Target | None) -> Scene:
-    """Put what a capture shows in its place on the plate."""
-    if target is not None:
-        scene = scene_of(target, field_mm=field_mm(rig))
-    else:
-        scene = leaf_scene() if capture.kind == "object" else plate()
-    angle_deg = capture.rotation_deg + (90.0 if capture.direction == "rows" else 0.0)
-    return scene.placed(*capture.position_mm, angle_deg)
-
-
-def stated_target(capture: CaptureSpec) -> Target | None:
-    """Return the target that a capture states: shipped by name, or written into the rig."""
-    if capture.target is None:
-        return None
-    if isinstance(capture.target, dict):
-        return parse_target(capture.target)
-    return load_target(capture.target)
-
-
-def field_mm(rig: RigSpec) -> tuple[float, float]:
-    """Size of the picture on the plate along x and y."""
-    scale = rig.camera.scale_mm_per_px
-    return scale * rig.camera.width_px, scale * rig.camera.height_px
-
-
 def session_document(rig: RigSpec, captures: Iterable[CaptureSpec], *, seed: int = 0) -> dict[str, Any]:
     """Write session.toml's contents: what somebody at this rig could have stated."""
     camera: dict[str, Any] = {"bits": rig.camera.bits} if rig.camera.bits not in (8, 16) else {}
@@ -141,7 +112,9 @@ def session_document(rig: RigSpec, captures: Iterable[CaptureSpec], *, seed: int
     else:
         height = rig.camera.height_mm + stated.camera_height_u_mm * height_error
         camera["height_mm"] = {"value": round(height, 2), "u": stated.camera_height_u_mm}
-    position = np.array(rig.projector.position_mm) + stated.projector_position_u_mm * np.array(position_errors)
+    position = np.array(rig.projector.position_mm) + stated.projector_position_u_mm * np.array(
+        position_errors
+    )
     u_position = [stated.projector_position_u_mm] * 3
     return {
         "format": 1,
@@ -172,7 +145,7 @@ def _target_file(capture: CaptureSpec) -> str:
 
 
 def _toml(target: str | dict[str, Any] | None) -> str:
-    """A target document as TOML: flat, but for quantities, which are inline tables."""
+    """Write a target document as TOML: flat, but for quantities, which are inline tables."""
     if not isinstance(target, dict):
         return ""
     lines = []
@@ -183,93 +156,3 @@ def _toml(target: str | dict[str, Any] | None) -> str:
         else:
             lines.append(f"{key} = {json.dumps(value)}\n")
     return "".join(lines)
-
-
-def truth_files(rig: RigSpec, taken: Mapping[str, Frames], *, seed: int = 0) -> dict[str, bytes]:
-    """Truth as files: ``truth/truth.json`` with numbers, ``truth/truth.npz`` with maps."""
-    document = json.dumps(truth_document(rig, taken, seed=seed), indent=1)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **truth_maps(rig, taken))  # type: ignore[arg-type]
-    return {"truth/truth.json": document.encode(), "truth/truth.npz": buffer.getvalue()}
-
-
-def truth_document(rig: RigSpec, taken: Mapping[str, Frames], *, seed: int = 0) -> dict[str, Any]:
-    """Numbers of a rig's truth.
-
-    Keys: scale_h, scale_v (mm/px at the image centre); k1, verdict, distortion_at_corner_px (at the
-    printed grid's corner, else at the picture's); angle_origin_deg, angle_x, angle_y (projection angle
-    in deg at points of both axes, mm); apparent_x, apparent_y (what breaks show there); projector,
-    camera (mm); grid_pitch; zmax (mm, of each artefact); rig_parameters; steps_rad (true, with their
-    slopes per px); rig (all of its numbers) and seed.
-    """
-    truth, size = truth_of(rig), np.array(field_mm(rig))
-    grid = _grid_facts(rig)
-    k1 = rig.camera.distortion[0]
-    corner = grid["corner"] if grid else tuple(size / 2)
-    steps = true_steps_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
-    document: dict[str, Any] = {
-        "name": rig.name,
-        "scale_h": truth.scale_h,
-        "scale_v": truth.scale_v,
-        "k1": k1,
-        "verdict": "barrel" if k1 < 0 else "pincushion" if k1 > 0 else "none",
-        "distortion_at_corner_px": lens_shift_at_point_px(rig, (corner[0], corner[1])),
-        "angle_origin_deg": truth.angle_origin_deg,
-        "apparent_angle_origin_deg": truth.apparent_angle_origin_deg,
-        "projector": list(truth.projector_mm),
-        "camera": list(truth.camera_mm),
-        "grid_pitch": grid["pitch"] if grid else None,
-        "rig_parameters": list(truth.rig_parameters),
-        "steps_rad": steps.tolist(),
-        "seed": seed,
-        "rig": rig.model_dump(mode="json"),
-    }
-    return document | _angles(rig) | _highest(taken)
-
-
-def _angles(rig: RigSpec) -> dict[str, dict[str, float]]:
-    from fringecal.simulate.truth import apparent_angle_deg
-
-    at = np.array(ANGLE_POINTS_MM, float)
-    axes = {"x": np.column_stack([at, 0 * at]), "y": np.column_stack([0 * at, at])}
-    kinds = {"angle": projection_angle_deg, "apparent": apparent_angle_deg}
-    return {
-        f"{kind}_{axis}": dict(zip(map(str, ANGLE_POINTS_MM), angle(rig, points).tolist(), strict=True))
-        for kind, angle in kinds.items()
-        for axis, points in axes.items()
-    }
-
-
-def _grid_facts(rig: RigSpec) -> dict[str, Any] | None:
-    for capture in rig.capture:
-        target = stated_target(capture)
-        if target is not None and target.kind == "line-grid":
-            pattern = capture_scene(rig, capture, target).pattern
-            reach = [(n - 1) / 2 * pattern.pitch_mm for n in pattern.counts]
-            return {"pitch": pattern.pitch_mm, "corner": tuple(reach)}
-    return None
-
-
-def _highest(taken: Mapping[str, Frames]) -> dict[str, Any]:
-    heights = {name: float(np.nanmax(frames.z)) for name, frames in taken.items() if np.nanmax(frames.z) > 0}
-    return {"zmax": heights.get("bars"), "zmax_of": heights}
-
-
-def truth_maps(rig: RigSpec, taken: Mapping[str, Frames]) -> dict[str, np.ndarray]:
-    """Maps of a session's truth at pixel centres.
-
-    Per capture of something that is not flat its height in mm under the capture's own name, and
-    ``lit_NAME``; per phase-shifted capture ``phase_NAME`` in rad; ``lit`` is that of the bars;
-    ``x``, ``y`` are the plate's coordinates under each pixel in mm.
-    """
-    x, y = plate_points(rig)
-    maps = {"x": x.astype(np.float32), "y": y.astype(np.float32)}
-    for name, frames in taken.items():
-        if len(frames.frames) > 1:
-            maps[f"phase_{name}"] = frames.phase
-        if np.nanmax(frames.z) > 0:
-            maps[name] = frames.z.astype(np.float32)
-            maps[f"lit_{name}"] = frames.lit
-    if "lit_bars" in maps:
-        maps["lit"] = maps["lit_bars"]
-    return maps

@@ -6,60 +6,91 @@ import numpy as np
 
 from fringecal.simulate.camera import Camera, ray
 from fringecal.simulate.compiled import compiled
-from fringecal.simulate.kernels import PLATE, World, bilinear, see, shadowed
+from fringecal.simulate.kernels import PLATE, Triple, World, bilinear, see, shadowed
 from fringecal.simulate.patterns import PatternTable, edge_distance, ink_share
 from fringecal.simulate.projector import Projector, phase_at
 
-# Offsets between the textures of different surfaces, in texture cells; any irrational-looking pair does.
+type Pair = tuple[float, float]
+
+# Offsets in mm between the textures of different surfaces: no whole multiple of common cell sizes.
 TEXTURE_SHIFT = (17.31, 5.73)
 
 
 class Light(NamedTuple):
     """Light and exposure, ready for tracing.
 
-    `scale` turns relative light into grey levels on a linear sensor: projected light is 1 at the
-    plate's origin in the middle of a fringe. `steps` has per frame the step at the image centre and
-    its change per px along u and v, rad; `lamp` the lamp's relative brightness per frame.
+    Parameters
+    ----------
+    harmonics
+        Cosine series of the projected light, mean 1.
+    steps
+        Shape (N, 4): per frame the step at the image centre in rad, its change per px along u and v,
+        and the lamp's relative brightness.
+    ambient
+        Relative to projected light, which is 1 at the plate's origin in the middle of a fringe.
+    irradiance
+        Cosine over squared distance there, 1/mm^2; without `shading` every lit point receives 1.
+    scale
+        Grey levels for light 1 on a linear sensor.
+    gradient
+        Relative change of room light per px along u and v.
+    vignetting
+        Loss per squared px from the image centre.
     """
 
-    fringes: bool
     harmonics: np.ndarray
     steps: np.ndarray
-    lamp: np.ndarray
     ambient: float
     shading: bool
     irradiance: float
     scale: float
-    gradient: tuple[float, float]
+    gradient: Pair
     vignetting: float
-    half_diagonal_px: float
-    centre_px: tuple[float, float]
+    centre_px: Pair
+
+
+class Samples(NamedTuple):
+    """Where pixels are sampled.
+
+    Parameters
+    ----------
+    edges
+        Shape (H, W): pixels that an edge may pass.
+    inner, outer
+        Offsets in px, shape (m, 2), for pixels inside a surface and for those at an edge.
+    soft_mm
+        Width over which ink ends: that of one sample.
+    """
+
+    edges: np.ndarray
+    inner: np.ndarray
+    outer: np.ndarray
+    soft_mm: float
 
 
 class Texture(NamedTuple):
-    """Two periodic tables of relative albedo deviations and their cell sizes in mm."""
+    """Two periodic tables of relative albedo deviations, shape (2, n + 1, n + 1), and their cells in mm."""
 
-    smooth: np.ndarray
+    tables: np.ndarray
     smooth_mm: float
-    speckle: np.ndarray
     speckle_mm: float
 
 
 @compiled
 def trace_pixel(
     camera: Camera, projector: Projector, world: World, u: float, v: float
-) -> tuple[float, float, float, float, int, float, float]:
-    """What one line of sight meets: x, y, z, cosine to the lamp (0 in shadow), surface, albedo, squared range."""
+) -> tuple[Triple, float, int, float, float]:
+    """Follow one line of sight: point, cosine to the lamp (0 in shadow), surface, albedo, squared range."""
     sight = ray(camera, u, v)
-    z, surface, nx, ny, nz, albedo = see(world, sight)
+    z, surface, normal, albedo = see(world, sight)
     x, y = sight[0] + sight[2] * z, sight[1] + sight[3] * z
     lamp = projector.position
     dx, dy, dz = lamp[0] - x, lamp[1] - y, lamp[2] - z
     r2 = dx * dx + dy * dy + dz * dz
-    cosine = (nx * dx + ny * dy + nz * dz) / np.sqrt(r2)
+    cosine = (normal[0] * dx + normal[1] * dy + normal[2] * dz) / np.sqrt(r2)
     if cosine <= 0 or shadowed(world, surface, (x, y, z), lamp):
         cosine = 0.0
-    return x, y, z, cosine, surface, albedo, r2
+    return (x, y, z), cosine, surface, albedo, r2
 
 
 @compiled
@@ -73,13 +104,13 @@ def trace_centres(
     maps: np.ndarray,
     keys: np.ndarray,
 ) -> None:
-    """Fill truth at pixel centres of some rows: maps x, y, z, phase, cosine and the distance to the next printed edge.
+    """Fill truth at pixel centres of some rows: x, y, z, phase, cosine, distance to the next printed edge.
 
     `maps` has shape (6, H, W); `keys` (H, W) gets twice the surface number, plus one where lit.
     """
     for v in range(first, last):
         for u in range(keys.shape[1]):
-            x, y, z, cosine, surface, _, _ = trace_pixel(camera, projector, world, u, v)
+            (x, y, z), cosine, surface, _, _ = trace_pixel(camera, projector, world, u, v)
             maps[0, v, u], maps[1, v, u], maps[2, v, u] = x, y, z
             maps[3, v, u] = phase_at(projector, x, y, z)
             maps[4, v, u] = cosine
@@ -88,16 +119,9 @@ def trace_centres(
 
 
 @compiled
-def _noise_at(table: np.ndarray, x: float, y: float) -> float:
-    n = table.shape[0] - 1
-    return bilinear(table, x - n * np.floor(x / n), y - n * np.floor(y / n))
-
-
-@compiled
-def _texture_at(texture: Texture, surface: int, x: float, y: float) -> float:
-    px, py = x + TEXTURE_SHIFT[0] * surface, y + TEXTURE_SHIFT[1] * surface
-    smooth = _noise_at(texture.smooth, px / texture.smooth_mm, py / texture.smooth_mm)
-    return 1 + smooth + _noise_at(texture.speckle, px / texture.speckle_mm, py / texture.speckle_mm)
+def _texture_at(tables: np.ndarray, k: int, x: float, y: float) -> float:
+    n = tables.shape[1] - 1
+    return bilinear(tables, k, x - n * np.floor(x / n), y - n * np.floor(y / n))
 
 
 @compiled
@@ -113,44 +137,30 @@ def _series(harmonics: np.ndarray, angle: float) -> float:
 
 
 @compiled
-def _add_sample(
-    camera: Camera,
-    projector: Projector,
-    world: World,
-    table: PatternTable,
-    texture: Texture,
-    light: Light,
-    u: float,
-    v: float,
-    weight: float,
-    soft_mm: float,
-    sums: np.ndarray,
-) -> None:
-    x, y, z, cosine, surface, albedo, r2 = trace_pixel(camera, projector, world, u, v)
-    if surface == PLATE:
-        albedo *= ink_share(table, x, y, soft_mm)
-    du, dv = u - light.centre_px[0], v - light.centre_px[1]
-    fall = 1 - light.vignetting * (du * du + dv * dv) / light.half_diagonal_px**2
-    weight *= light.scale * albedo * _texture_at(texture, surface, x, y) * fall
-    if not light.fringes:
-        room = 1 + light.gradient[0] * du + light.gradient[1] * dv
-        sums[0] += weight * room * light.lamp[0]
-        return
-    if light.shading:
-        lit = cosine / r2 / light.irradiance
-    else:
-        lit = 1.0 if cosine > 0 else 0.0
-    phase = phase_at(projector, x, y, z) if lit > 0 else 0.0
-    for n in range(sums.size):
-        value = light.ambient
-        if lit > 0:
-            step = light.steps[n, 0] + light.steps[n, 1] * du + light.steps[n, 2] * dv
-            value += lit * light.lamp[n] * _series(light.harmonics, phase + step)
-        sums[n] += weight * value
+def _reflectance(table: PatternTable, texture: Texture, surface: int, point: Triple, soft_mm: float) -> float:
+    """Albedo of a spot relative to its surface: print on the flat, and uneven paint everywhere."""
+    x, y = point[0] + TEXTURE_SHIFT[0] * surface, point[1] + TEXTURE_SHIFT[1] * surface
+    smooth = _texture_at(texture.tables, 0, x / texture.smooth_mm, y / texture.smooth_mm)
+    speckle = _texture_at(texture.tables, 1, x / texture.speckle_mm, y / texture.speckle_mm)
+    printed = ink_share(table, point[0], point[1], soft_mm) if surface == PLATE else 1.0
+    return printed * (1 + smooth + speckle)
 
 
 @compiled
-def collect(
+def _add_fringes(
+    harmonics: np.ndarray, steps: np.ndarray, offset_px: Pair, phase: float, light: Pair, sums: np.ndarray
+) -> None:
+    """Add one sample to every frame; `light` is what the sample reflects of lamp and of ambient light."""
+    for n in range(sums.size):
+        value = light[1]
+        if light[0] > 0:
+            step = steps[n, 0] + steps[n, 1] * offset_px[0] + steps[n, 2] * offset_px[1]
+            value += light[0] * steps[n, 3] * _series(harmonics, phase + step)
+        sums[n] += value
+
+
+@compiled
+def collect_fringes(
     first: int,
     last: int,
     camera: Camera,
@@ -159,35 +169,55 @@ def collect(
     table: PatternTable,
     texture: Texture,
     light: Light,
-    edges: np.ndarray,
-    inner: np.ndarray,
-    outer: np.ndarray,
-    soft_mm: float,
+    samples: Samples,
     frames: np.ndarray,
 ) -> None:
-    """Integrate every frame over the square of every pixel of some rows; `frames` has shape (N, H, W), grey levels.
-
-    `inner` and `outer` are sample offsets in px, shape (m, 2), for pixels inside a surface and for
-    those that an edge passes (`edges`).
-    """
+    """Integrate fringe light over every pixel of some rows; `frames` is (N, H, W), grey levels."""
+    sums = np.empty(frames.shape[0])
     for v in range(first, last):
-        sums = np.empty(frames.shape[0])
-        for u in range(edges.shape[1]):
-            points = outer if edges[v, u] else inner
+        for u in range(frames.shape[2]):
+            points = samples.outer if samples.edges[v, u] else samples.inner
             sums[:] = 0
             for k in range(points.shape[0]):
                 su, sv = u + points[k, 0], v + points[k, 1]
-                _add_sample(
-                    camera,
-                    projector,
-                    world,
-                    table,
-                    texture,
-                    light,
-                    su,
-                    sv,
-                    1 / points.shape[0],
-                    soft_mm,
-                    sums,
-                )
-            frames[:, v, u] = sums
+                point, cosine, surface, albedo, r2 = trace_pixel(camera, projector, world, su, sv)
+                du, dv = su - light.centre_px[0], sv - light.centre_px[1]
+                albedo *= _reflectance(table, texture, surface, point, samples.soft_mm)
+                albedo *= light.scale * (1 - light.vignetting * (du * du + dv * dv))
+                lit = cosine / (r2 * light.irradiance)
+                if not light.shading:
+                    lit = np.ceil(cosine)
+                phase = phase_at(projector, point[0], point[1], point[2])
+                shares = (albedo * lit, albedo * light.ambient)
+                _add_fringes(light.harmonics, light.steps, (du, dv), phase, shares, sums)
+            for n in range(sums.size):
+                frames[n, v, u] = sums[n] / points.shape[0]
+
+
+@compiled
+def collect_room(
+    first: int,
+    last: int,
+    camera: Camera,
+    world: World,
+    table: PatternTable,
+    texture: Texture,
+    light: Light,
+    samples: Samples,
+    picture: np.ndarray,
+) -> None:
+    """Integrate room light, which comes from everywhere and throws no shadow; `picture` is (H, W)."""
+    for v in range(first, last):
+        for u in range(picture.shape[1]):
+            points = samples.outer if samples.edges[v, u] else samples.inner
+            total = 0.0
+            for k in range(points.shape[0]):
+                su, sv = u + points[k, 0], v + points[k, 1]
+                sight = ray(camera, su, sv)
+                z, surface, _, albedo = see(world, sight)
+                point = (sight[0] + sight[2] * z, sight[1] + sight[3] * z, z)
+                du, dv = su - light.centre_px[0], sv - light.centre_px[1]
+                albedo *= 1 + light.gradient[0] * du + light.gradient[1] * dv
+                albedo *= 1 - light.vignetting * (du * du + dv * dv)
+                total += albedo * _reflectance(table, texture, surface, point, samples.soft_mm)
+            picture[v, u] = light.scale * total / points.shape[0]

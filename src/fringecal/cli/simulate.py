@@ -1,0 +1,93 @@
+"""`fringecal simulate`: take a session with a virtual rig, and keep the truth beside it."""
+
+from pathlib import Path
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.session import write_session
+from fringecal.simulate import RigSpec, SimulatedSession, Truth, load_rig, simulate_session, truth_of
+
+HELP = """Simulate a session: pictures, session.toml, and the truth in DIR/truth, which no other verb reads.
+
+RIG is a shipped rig (thesis, thesis-7, oblique, telecentric, harder) or the path of a rig's TOML.
+
+Example: fringecal simulate thesis --out virtual --captures grid,reference,strips --seed 1
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="simulate", help=HELP)(simulate)
+
+
+def simulate(
+    rig: str = typer.Argument(
+        ..., help="Name of a shipped rig, or path of a .toml file.", show_default=False
+    ),
+    out: Path = typer.Option(..., "--out", help="Folder for the session; must be new, empty or a session."),
+    captures: str = typer.Option("", help="Comma-separated captures to take; all of the rig's by default."),
+    seed: int = typer.Option(0, min=0, help="Seed of noise and of what was measured by hand."),
+    overwrite: bool = typer.Option(False, "--overwrite", help="Replace a session that is already there."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON document."),
+) -> None:
+    """Load, simulate, write, print."""
+    spec = load_rig(rig)
+    names = [name.strip() for name in captures.split(",") if name.strip()] or [c.name for c in spec.capture]
+    session = _taken(spec, names, seed, quiet=as_json)
+    folder = write_session(
+        out, session.document, session.frames, extra_files=session.files, overwrite=overwrite
+    )
+    truth = truth_of(spec)
+    if as_json:
+        print_json(_report(spec, folder, session, truth, seed))
+    else:
+        console.print(_table(spec, session, truth))
+        console.print(f"session: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _taken(spec: RigSpec, names: list[str], seed: int, *, quiet: bool) -> SimulatedSession:
+    columns = TextColumn("{task.description:<20}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
+        task = progress.add_task("simulate", total=len(names))
+
+        def show(name: str) -> None:
+            progress.update(task, description=escape(name), completed=names.index(name))
+
+        return simulate_session(spec, names, seed=seed, progress=show)
+
+
+def _report(
+    spec: RigSpec, folder: Path, session: SimulatedSession, truth: Truth, seed: int
+) -> dict[str, object]:
+    return {
+        "session": str(folder),
+        "rig": spec.name,
+        "seed": seed,
+        "captures": list(session.captures),
+        "images": list(session.frames),
+        "truth": {
+            "scale_h_mm_per_px": truth.scale_h,
+            "scale_v_mm_per_px": truth.scale_v,
+            "angle_origin_deg": truth.angle_origin_deg,
+            "distortion_at_corner_px": truth.distortion_at_corner_px,
+            "folder": str(folder / "truth"),
+        },
+    }
+
+
+def _table(spec: RigSpec, session: SimulatedSession, truth: Truth) -> Table:
+    caption = (
+        f"scale {truth.scale_h:.5f} x {truth.scale_v:.5f} mm/px, "
+        f"projection angle {truth.angle_origin_deg:.3f} deg at the origin"
+    )
+    table = Table(title=escape(f"virtual rig {spec.name}"), caption=caption)
+    for heading in ("capture", "images", "highest mm", "lit %"):
+        table.add_column(heading, justify="left" if heading == "capture" else "right")
+    for name, frames in session.captures.items():
+        lit = f"{100 * frames.lit.mean():.1f}" if len(frames.frames) > 1 else ""
+        table.add_row(escape(name), str(len(frames.frames)), f"{frames.z.max():.3f}", lit)
+    return table

@@ -1,0 +1,32 @@
+"""From a rig's list of captures to the scene that each of them shows."""
+
+from fringecal.simulate.leaf import leaf_scene
+from fringecal.simulate.objects import scene_of
+from fringecal.simulate.rig import CaptureSpec, RigSpec
+from fringecal.simulate.scene import Scene, plate
+from fringecal.targets import Target, load_target, parse_target
+
+
+def capture_scene(rig: RigSpec, capture: CaptureSpec, target: Target | None) -> Scene:
+    """Put what a capture shows in its place on the plate."""
+    if target is not None:
+        scene = scene_of(target, field_mm=field_mm(rig))
+    else:
+        scene = leaf_scene() if capture.kind == "object" else plate()
+    angle_deg = capture.rotation_deg + (90.0 if capture.direction == "rows" else 0.0)
+    return scene.placed(*capture.position_mm, angle_deg)
+
+
+def stated_target(capture: CaptureSpec) -> Target | None:
+    """Return the target that a capture states: shipped by name, or written into the rig."""
+    if capture.target is None:
+        return None
+    if isinstance(capture.target, dict):
+        return parse_target(capture.target)
+    return load_target(capture.target)
+
+
+def field_mm(rig: RigSpec) -> tuple[float, float]:
+    """Size of the picture on the plate along x and y."""
+    scale = rig.camera.scale_mm_per_px
+    return scale * rig.camera.width_px, scale * rig.camera.height_px
