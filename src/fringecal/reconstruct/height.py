@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import Rays
 from fringecal.phase.demodulate import PhaseMap
-from fringecal.phase.unwrap import unwrap
+from fringecal.phase.regions import unwrap_regions
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import height_model
 from fringecal.reconstruct.order import decide_pieces
@@ -111,7 +111,7 @@ def absolute_phase(
     plate = calibration.model.phase(rays.ax, rays.ay, 0.0)
     step = np.angle(np.exp(1j * (phase_map.phase - plate)))
     valid = phase_map.valid & np.isfinite(plate)
-    unwrapped = unwrap(step, valid)
+    unwrapped = unwrap_regions(step, valid)
     gx, gy, gz = calibration.model.gradient(rays.ax, rays.ay, 0.0)
     pieces = decide_pieces(
         unwrapped.phase,
