@@ -5,77 +5,19 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from fringecal.errors import FitError
 from fringecal.targets.models import Zigzag
-from fringecal.uncertainty.systematic import combined_map, mean_uncertainty
 from fringecal.verify.bands import Band, band_errors
 from fringecal.verify.diagnosis import ErrorTerm, error_sentence, error_terms
-from fringecal.verify.field import ErrorField, default_places, error_field
-from fringecal.verify.flanks import FlankAngle, flank_angles
+from fringecal.verify.field import default_places, error_field
 from fringecal.verify.pose import ZigzagPose
-from fringecal.verify.shape import (
-    Floats,
-    Surface,
-    ZigzagShape,
-    reference_sensitivities,
-    zigzag_shape,
-)
+from fringecal.verify.profiles import Judge, Pixels, ProfileCurve, ProfileErrors
+from fringecal.verify.shape import Floats, Surface, ZigzagShape, zigzag_shape
 
 THESIS_ROWS_PX = (10, 121, 232, 343, 444)  # profiles A..E of the 2008 thesis
 _SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the bars' visible length, where those rows miss the bars
-_MIN_PIXELS = 10  # of a profile
 _MAX_TERMS = 50_000  # pixels that the split into causes looks at; more do not change it
-_K = 2.0  # En compares expanded uncertainties, k = 2
-
-
-@dataclass(frozen=True)
-class ProfileErrors:
-    """Height errors along one picture row (or column); percentages are of the target's full height.
-
-    Parameters
-    ----------
-    name, row_px
-        Letter, and number of the row; of the column where the ridges run along the rows.
-    x_mm, y_mm
-        Mean place of the profile's pixels on the plate.
-    n, mean_mm, sd_mm, rms_mm, max_abs_mm
-        Number of valid pixels, and mean, standard deviation, rms and largest absolute error.
-    u_mm, en
-        Standard uncertainty of the mean error, of target and heights together, and the mean
-        error against its expanded uncertainty, ``mean / (2 u)``; None where no uncertainty is known.
-    missing_share
-        Share of the profile's pixels on the bars that are masked.
-    """
-
-    name: str
-    row_px: float
-    x_mm: float
-    y_mm: float
-    n: int
-    mean_mm: float
-    sd_mm: float
-    rms_mm: float
-    max_abs_mm: float
-    mean_percent: float
-    max_percent: float
-    u_mm: float
-    en: float | None
-    missing_share: float
-
-
-@dataclass(frozen=True)
-class ProfileCurve:
-    """The pixels of one profile, (n,) each: what the plots of actual against reference show."""
-
-    name: str
-    across_mm: Floats
-    measured_mm: Floats
-    reference_mm: Floats
-    u_mm: Floats
-    edge: NDArray[np.bool_]
-    flanks: tuple[FlankAngle, ...]
 
 
 @dataclass(frozen=True)
@@ -174,34 +116,30 @@ def zigzag_errors(
     shape = target if isinstance(target, ZigzagShape) else zigzag_shape(target)
     field = error_field(surface, pose, shape)
     zone = edge_zone_px * field.pixel_mm if edge_zone_mm is None else edge_zone_mm
-    maps = None if sensitivities is None else np.asarray(sensitivities, float)
-    judge = _Judge(field, shape, zone, maps, covariance)
-    places = (
-        default_places(field, THESIS_ROWS_PX, _SPREAD) if rows_px is None else tuple(int(r) for r in rows_px)
-    )
-    lines = [judge.line(place) for place in places]
-    names = [chr(ord("A") + i) if i < 26 else f"P{i + 1}" for i in range(len(places))]
-    with_edges = tuple(judge.stats(n, p, on) for n, p, on in zip(names, places, lines, strict=True))
-    without = tuple(
-        judge.stats(n, p, on & ~judge.edge) for n, p, on in zip(names, places, lines, strict=True)
-    )
-    every = np.logical_or.reduce(lines)
-    flank_pixels = field.inside & ~judge.edge
-    chosen = flank_pixels & field.valid
-    some = np.flatnonzero(chosen)[:: 1 + np.count_nonzero(chosen) // _MAX_TERMS]
-    terms = error_terms(field.x.flat[some], field.y.flat[some], field.error.flat[some], pose, shape)
-    bands = band_errors(field.across[chosen], field.along[chosen], field.error[chosen], shape)
+    maps = None if sensitivities is None else np.asarray(sensitivities)
+    judge = Judge(field, shape, zone, maps, covariance)
+    if rows_px is None:
+        places = default_places(field, THESIS_ROWS_PX, _SPREAD)
+    else:
+        places = tuple(int(row) for row in rows_px)
+    lines = {_name(i): (place, judge.line(place)) for i, place in enumerate(places)}
+    every = np.concatenate([line for _, line in lines.values()])
+    flanks = judge.off_edges(np.flatnonzero(field.inside))
+    profiles = tuple(judge.stats(n, p, judge.off_edges(line)) for n, (p, line) in lines.items())
+    bands = _bands(judge, flanks)
+    terms = _terms(judge, flanks, pose)
+    middle = float(np.mean(places))
     return ZigzagErrors(
         pose=pose,
         shape=shape,
         axis=field.axis,
         edge_zone_mm=float(zone),
-        profiles=without,
-        profiles_with_edges=with_edges,
-        pooled=judge.stats("pooled", float(np.mean(places)), every & ~judge.edge),
-        pooled_with_edges=judge.stats("pooled", float(np.mean(places)), every),
-        area=judge.stats("area", float(np.mean(places)), flank_pixels),
-        curves=tuple(judge.curve(n, on) for n, on in zip(names, lines, strict=True)),
+        profiles=profiles,
+        profiles_with_edges=tuple(judge.stats(n, p, line) for n, (p, line) in lines.items()),
+        pooled=judge.stats("pooled", middle, judge.off_edges(every)),
+        pooled_with_edges=judge.stats("pooled", middle, every),
+        area=judge.stats("area", middle, flanks),
+        curves=tuple(judge.curve(name, line) for name, (_, line) in lines.items()),
         bands=bands,
         worst_band_mm=max((abs(band.mean_mm) for band in bands), default=0.0),
         terms=terms,
@@ -210,78 +148,18 @@ def zigzag_errors(
     )
 
 
-@dataclass(frozen=True)
-class _Judge:
-    field: ErrorField
-    shape: ZigzagShape
-    zone_mm: float
-    sensitivities: Floats | None
-    covariance: ArrayLike | None
+def _name(number: int) -> str:
+    return chr(ord("A") + number) if number < 26 else f"P{number + 1}"
 
-    @property
-    def edge(self) -> NDArray[np.bool_]:
-        return self.field.edge_distance < self.zone_mm
 
-    def line(self, place: int) -> NDArray[np.bool_]:
-        """Pixels of the bars on one row (or column)."""
-        field = self.field
-        along_rows = field.axis == "row"
-        if not 0 <= place < field.inside.shape[0 if along_rows else 1]:
-            raise FitError(
-                f"{field.axis} {place} lies outside the picture of {field.inside.shape} (rows, columns)"
-            )
-        chosen = np.zeros(field.inside.shape, bool)
-        chosen[(place, slice(None)) if along_rows else (slice(None), place)] = True
-        return chosen & field.inside
+def _bands(judge: Judge, flanks: Pixels) -> tuple[Band, ...]:
+    valid, field = judge.valid(flanks), judge.field
+    across, along, error = (m.ravel()[valid] for m in (field.across, field.along, field.error))
+    return band_errors(across, along, error, judge.shape)
 
-    def stats(self, name: str, place: float, pixels: NDArray[np.bool_]) -> ProfileErrors:
-        """Error statistics over the valid ones of some pixels of the bars."""
-        field, valid = self.field, pixels & self.field.valid
-        total, n = int(np.count_nonzero(pixels)), int(np.count_nonzero(valid))
-        if n < _MIN_PIXELS:
-            raise FitError(
-                f"profile {name} at {field.axis} {place:g} has {n} valid pixels of {total} on the bars, "
-                f"{_MIN_PIXELS} are needed; choose {field.axis}s that cross lit parts of the bars"
-            )
-        error = field.error[valid]
-        mean, largest = float(error.mean()), float(np.abs(error).max())
-        u = self._mean_u(valid)
-        percent = 100 / self.shape.height_mm
-        return ProfileErrors(
-            name=name,
-            row_px=place,
-            x_mm=float(field.x[valid].mean()),
-            y_mm=float(field.y[valid].mean()),
-            n=n,
-            mean_mm=mean,
-            sd_mm=float(error.std(ddof=1)),
-            rms_mm=float(np.sqrt(np.mean(error**2))),
-            max_abs_mm=largest,
-            mean_percent=mean * percent,
-            max_percent=largest * percent,
-            u_mm=u,
-            en=mean / (_K * u) if u > 0 else None,
-            missing_share=1 - n / total,
-        )
 
-    def curve(self, name: str, pixels: NDArray[np.bool_]) -> ProfileCurve:
-        """Take the pixels of a profile in order, and the angle errors of its flanks."""
-        field, valid = self.field, pixels & self.field.valid
-        across = field.across[valid]
-        order = np.argsort(across, kind="stable")
-        across, error, reference = across[order], field.error[valid][order], field.reference[valid][order]
-        edge = self.edge[valid][order]
-        flanks = flank_angles(across[~edge], error[~edge], self.shape)
-        return ProfileCurve(name, across, reference + error, reference, field.u_z[valid][order], edge, flanks)
-
-    def _mean_u(self, valid: NDArray[np.bool_]) -> float:
-        """Uncertainty of the mean error: heights, and the target's own leg and apex."""
-        u_z = self.field.u_z[valid]
-        target = reference_sensitivities(self.field.across[valid], self.shape).mean(axis=1)
-        if self.sensitivities is None:
-            return float(np.hypot(np.mean(u_z), np.linalg.norm(target)))
-        maps = self.sensitivities[:, valid]
-        common = combined_map(0.0, maps, self.covariance)
-        u_random = np.sqrt(np.maximum(u_z**2 - common**2, 0.0))
-        u_mean = mean_uncertainty(u_random, sensitivities=maps, covariance=self.covariance)
-        return float(np.hypot(u_mean, np.linalg.norm(target)))
+def _terms(judge: Judge, flanks: Pixels, pose: ZigzagPose) -> tuple[ErrorTerm, ...]:
+    valid, field = judge.valid(flanks), judge.field
+    some = valid[:: 1 + valid.size // _MAX_TERMS]
+    x, y, error = (m.ravel()[some] for m in (field.x, field.y, field.error))
+    return error_terms(x, y, error, pose, judge.shape)

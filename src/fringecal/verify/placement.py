@@ -59,13 +59,12 @@ def place_footprint(
     padded = np.pad(ballot.votes, ((shape.count, shape.count), (window, window)))
     by_bar = _moving_sum(padded, window, axis=1)
     score = _moving_sum(np.where(by_bar < 0, _PLATE_WEIGHT * by_bar, by_bar), shape.count, axis=0)
-    best = float(score.max())
-    if best <= 0:
+    bar, place, half_width = _middle_of_best(score, shape.count)
+    if not np.any(by_bar[bar : bar + shape.count, place] > 0):
         raise FitError(
             "no bars stand out of the plate where the flanks are; check that the capture shows the zig-zag "
             "and that heights count toward the camera"
         )
-    bar, place, half_width = _middle_of_best(score, best, shape.count)
     seen = _check_bars(by_bar[:, place], bar, shape.count)
     _check_length(padded[bar : bar + shape.count], place, window, shape)
     along_mm = ballot.along_start + (place - window + window / 2) * ballot.bin_mm
@@ -97,13 +96,16 @@ def _moving_sum(values: Floats, window: int, *, axis: int) -> Floats:
     return summed.take(range(window, size), axis=axis) - summed.take(range(size - window), axis=axis)
 
 
-def _middle_of_best(score: Floats, best: float, count: int) -> tuple[int, int, float]:
+def _middle_of_best(score: Floats, count: int) -> tuple[int, int, float]:
     """Middle of the plateau of the best score: bar, place along, half its width in bins."""
-    bars = np.flatnonzero(score.max(axis=1) >= best * (1 - 0.02 / count))
+    bars = np.flatnonzero(score.max(axis=1) >= score.max() - 0.02 / count * abs(score.max()))
     bar = int(bars[len(bars) // 2])
     row = score[bar]
-    places = np.flatnonzero(row >= row.max() * (1 - 1e-3))
-    return bar, int(round((places[0] + places[-1]) / 2)), float(places[-1] - places[0]) / 2
+    best = int(np.argmax(row))
+    lower = np.flatnonzero(row < row[best] - 1e-3 * abs(row[best]))
+    first = int(lower[lower < best].max(initial=-1)) + 1
+    last = int(lower[lower > best].min(initial=row.size)) - 1
+    return bar, (first + last) // 2, (last - first) / 2
 
 
 def _check_bars(votes: Floats, bar: int, count: int) -> int:

@@ -23,7 +23,8 @@ from fringecal.verify.shape import (
 
 SEATINGS = ("on-plate", "free")
 _MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
-_MAX_VOTES = 300_000
+_MAX_POINTS = 500_000
+_BLOCK_PX = 8
 _MAX_CENTRES = 400
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _WINDOW_RAD = math.radians(12)  # facets this near the target's flank angle count as flanks
@@ -81,8 +82,12 @@ def register_zigzag(
         raise ValueError(f"seating {seating!r} is not one of {SEATINGS}")
     shape = target if isinstance(target, ZigzagShape) else zigzag_shape(target)
     valid = _usable(surface)
-    points = _Points(*(np.asarray(m, float)[valid] for m in (surface.x, surface.y, surface.z)))
-    facets = fit_facets(surface.x, surface.y, surface.z, valid, block_px=_block_px(surface, valid, shape))
+    maps = (surface.x, surface.y, surface.z)
+    points = _Points(*(np.asarray(m, float)[valid] for m in maps)).thinned(_MAX_POINTS)
+    side = _block_px(surface, valid, shape)
+    thin = slice(None, None, max(1, side // _BLOCK_PX))  # a facet needs no more pixels than this leaves
+    x, y, z = (np.asarray(m)[thin, thin] for m in maps)
+    facets = fit_facets(x, y, z, valid[thin, thin], block_px=max(4, side // thin.step))
     rotation, flanks = _direction(facets, shape)
     _check_apex(flanks, shape)
     centres = _Points(flanks.x, flanks.y, flanks.z).thinned(_MAX_CENTRES)
@@ -115,7 +120,7 @@ def _block_px(surface: Surface, valid: NDArray[np.bool_], shape: ZigzagShape) ->
     """Side of a facet: a third of a flank, so that some lie wholly on it whatever the direction."""
     step = np.hypot(np.diff(surface.x, axis=1), np.diff(surface.y, axis=1))[valid[:, 1:] & valid[:, :-1]]
     pixel_mm = float(np.median(step)) if step.size else shape.base_mm / 36
-    return int(np.clip(round(shape.base_mm / 6 / max(pixel_mm, 1e-9)), 4, 64))
+    return max(4, round(shape.base_mm / 6 / max(pixel_mm, 1e-9)))
 
 
 def _direction(facets: Facets, shape: ZigzagShape) -> tuple[float, Facets]:
@@ -200,9 +205,8 @@ def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0)
 
 
 def _placed(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
-    some = points.thinned(_MAX_VOTES)
-    across, along = pose.across_along(some.x, some.y)
-    place = place_footprint(across, along, some.z - pose.seat_height(some.x, some.y), shape)
+    across, along = pose.across_along(points.x, points.y)
+    place = place_footprint(across, along, points.z - pose.seat_height(points.x, points.y), shape)
     moved = _shifted(pose, across_mm=place.bars * shape.base_mm, along_mm=place.along_mm)
     return replace(moved, u_along_mm=place.u_along_mm, bars_seen=place.bars_seen)
 
@@ -217,6 +221,8 @@ def _flank_points(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> NDAr
 
 def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool = False) -> ZigzagPose:
     """Gauss-Newton with Tukey weights for place across and rotation, and the seat if `free`."""
+    if points.z.size < _MIN_FACETS:
+        raise FitError("next to no lit flank lies where the bars were found; more of the bars must be lit")
     covariance = np.zeros((0, 0))
     scale = math.inf
     for _ in range(12):
