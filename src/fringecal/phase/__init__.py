@@ -5,6 +5,7 @@ from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
 from fringecal.phase.steps import StepEstimate, estimate_steps
+from fringecal.phase.summary import PhaseSummary, summarise
 from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
 from fringecal.phase.unwrap import Unwrapped, unwrap
 
@@ -12,6 +13,7 @@ __all__ = [
     "FringePeriod",
     "Noise",
     "PhaseMap",
+    "PhaseSummary",
     "Reason",
     "Scheme",
     "StepEstimate",
@@ -31,6 +33,7 @@ __all__ = [
     "phase_gradient",
     "quadrant_phase",
     "scheme",
+    "summarise",
     "unwrap",
     "unwrap_temporal",
 ]

@@ -217,6 +217,7 @@ def _combine(blocks: list[_Block], stated: NDArray, shape: tuple[int, ...]) -> S
     signal = np.array([block.signal for block in blocks])
     turned = signal * np.conj(signal[:, :1]) * np.exp(-1j * (stated - stated[0]))
     errors = np.angle(turned)
+    errors[:, 0] = 0.0  # the first step is the origin, not a result
     u = np.array([block.u_px for block in blocks]) - (shape[1] - 1) / 2
     v = np.array([block.v_px for block in blocks]) - (shape[0] - 1) / 2
     fits = [_robust_plane(u, v, error) for error in errors.T]

@@ -1,0 +1,109 @@
+"""The verb on real sessions and on wrong input; what it writes and what it says."""
+
+import json
+
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from fringecal.cli import phase as verb
+from fringecal.errors import PhaseError, SessionError
+
+app = typer.Typer()
+
+
+@app.callback()
+def root():
+    """Keep the verb's name on the command line."""
+
+
+verb.register(app)
+runner = CliRunner()
+
+
+@pytest.fixture(scope="module")
+def lens(request):
+    return request.config.rootpath / "tests" / "data" / "fpp_tools_lens"
+
+
+def run(*arguments):
+    result = runner.invoke(app, ["phase", *map(str, arguments)])
+    if isinstance(result.exception, Exception) and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def test_session_as_json_with_maps_and_figure(lens, tmp_path):
+    result = run(lens, "--out", tmp_path, "--json")
+    assert result.exit_code == 0
+    (one,) = json.loads(result.stdout)["captures"]
+    assert one["name"] == "lens"
+    # Known of the data: steps 0, 90.4, 180.3, 270.1 deg, and about half of the picture is board and lens.
+    np.testing.assert_allclose(one["steps"]["found_deg"], [0, 90.4, 180.3, 270.1], atol=0.5)
+    assert 0.45 < one["shares"]["valid"] < 0.6
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["lens.npz", "lens.png"]
+    with np.load(tmp_path / "lens.npz") as maps:
+        assert maps["phase_rad"].shape == (862, 933)
+        np.testing.assert_array_equal(np.isnan(maps["phase_rad"]), maps["reasons"] > 0)
+
+
+def test_pictures_give_the_same_as_their_session(lens):
+    names = [lens / f"lens_orig_{angle:03d}.jpg" for angle in (0, 90, 180, 270)]
+    by_pictures = json.loads(run(*names, "--steps", "0,90,180,270", "--json").stdout)["captures"][0]
+    by_session = json.loads(run(lens, "--json").stdout)["captures"][0]
+    assert by_pictures["shares"] == by_session["shares"]
+    assert by_pictures["steps"] == by_session["steps"]
+
+
+def test_table_for_people(lens):
+    result = run(lens)
+    assert result.exit_code == 0
+    # Not significant against the stated 0, 90, 180, 270 deg: nothing but the table is said.
+    assert "lens" in result.stdout
+    assert "differ" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["a.png", "b.png", "c.png"], "state the steps"),
+        (["a.png", "--steps", "0,x"], "not a list of numbers"),
+        (["a.png", "--steps", "0,120,240", "--capture", "x"], "give a session folder"),
+    ],
+)
+def test_usage_errors(arguments, message):
+    result = runner.invoke(app, ["phase", *arguments])
+    assert result.exit_code == 2
+    assert message in " ".join(result.output.replace("│", " ").split())
+
+
+def test_a_session_states_its_own_steps(lens):
+    assert runner.invoke(app, ["phase", str(lens), "--steps", "0,1,2"]).exit_code == 2
+
+
+def test_unknown_capture_lists_those_there(lens):
+    with pytest.raises(PhaseError, match="'plate'; there are: lens"):
+        run(lens, "--capture", "plate")
+
+
+def test_pictures_of_different_size(lens, request):
+    other = request.config.rootpath / "tests" / "data" / "kamino_object1" / "pat00.png"
+    first = lens / "lens_orig_000.jpg"
+    with pytest.raises(PhaseError, match="one size and depth"):
+        run(first, first, other, "--steps", "0,120,240")
+
+
+def test_missing_or_broken_picture(tmp_path):
+    broken = tmp_path / "broken.png"
+    broken.write_bytes(b"\x89PNG\r\n\x1a\nnonsense")
+    with pytest.raises(SessionError, match="broken.png"):
+        run(broken, broken, broken, "--steps", "0,120,240")
+    with pytest.raises(SessionError, match="missing.png"):
+        run(tmp_path / "missing.png", "--steps", "0,120,240")
+
+
+def test_wrong_number_of_steps(lens):
+    names = [lens / f"lens_orig_{angle:03d}.jpg" for angle in (0, 90, 180)]
+    with pytest.raises(PhaseError, match="one frame per step"):
+        run(*names, "--steps", "0,90,180,270")
