@@ -17,7 +17,7 @@ from fringecal.verify.shape import Floats, Surface, ZigzagShape, zigzag_shape
 
 THESIS_ROWS_PX = (10, 121, 232, 343, 444)  # profiles A..E of the 2008 thesis
 _SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the bars' visible length, where those rows miss the bars
-_MAX_TERMS = 50_000  # pixels that the split into causes looks at; more do not change it
+_MAX_TERMS = 20_000  # pixels that the split into causes looks at; more do not change it
 
 
 @dataclass(frozen=True)

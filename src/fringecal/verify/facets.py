@@ -74,10 +74,11 @@ def _l1_planes(design: Floats, z: Floats, weight: Floats, *, rounds: int = 12) -
     plane = np.zeros((design.shape[0], 3))
     residual = np.zeros_like(z)
     for _ in range(rounds):
-        normal = np.einsum("bni,bn,bnj->bij", design, w, design)
+        weighted = (design * w[:, :, None]).swapaxes(1, 2)
+        normal = weighted @ design
         normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-        plane = np.linalg.solve(normal, np.einsum("bni,bn,bn->bi", design, w, z)[:, :, None])[:, :, 0]
-        residual = np.abs(z - np.einsum("bni,bi->bn", design, plane)) * weight
+        plane = np.linalg.solve(normal, weighted @ z[:, :, None])[:, :, 0]
+        residual = np.abs(z - (design @ plane[:, :, None])[:, :, 0]) * weight
         floor = 1e-3 + 0.1 * residual.sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
         w = weight / np.maximum(residual, floor)
     middle = np.nanmedian(np.where(weight > 0, residual, np.nan), axis=1) if len(z) else np.zeros(0)

@@ -25,7 +25,7 @@ SEATINGS = ("on-plate", "free")
 _MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
 _MAX_POINTS = 500_000
 _BLOCK_PX = 8
-_MAX_CENTRES = 400
+_MAX_CENTRES = 300
 _GOLDEN = (math.sqrt(5) - 1) / 2
 _WINDOW_RAD = math.radians(12)  # facets this near the target's flank angle count as flanks
 _ANGLE_LIMIT_RAD = math.radians(4)  # a height scale wrong by 10 % turns a 45 deg flank by 2.7 deg
@@ -171,7 +171,7 @@ def _check_apex(flanks: Facets, shape: ZigzagShape) -> None:
 def _check_period(flanks: _Points, rotation: float, shape: ZigzagShape) -> None:
     """Refuse bars of the right angle and another size, by trying other periods."""
     across = ZigzagPose(0.0, 0.0, rotation).across_along(flanks.x, flanks.y)[0]
-    factors = np.linspace(0.7, 1.4, 71)
+    factors = np.linspace(0.7, 1.4, 36)
     sizes = [replace(shape, leg_mm=shape.leg_mm * f, ridge_radius_mm=0.0) for f in factors]
     misfit = np.array([_shift_misfits(across, flanks.z, size)[1].min() for size in sizes])
     best = int(np.argmin(misfit))
@@ -184,8 +184,8 @@ def _check_period(flanks: _Points, rotation: float, shape: ZigzagShape) -> None:
 
 
 def _shift_misfits(across: Floats, z: Floats, shape: ZigzagShape) -> tuple[Floats, Floats]:
-    """Mean distance to the endless zig-zag, capped, for 72 shifts over one period."""
-    shifts = np.arange(72) / 72 * shape.base_mm
+    """Mean distance to the endless zig-zag, capped, for 36 shifts over one period."""
+    shifts = np.arange(36) / 36 * shape.base_mm
     misfit = np.abs(z - zigzag_height(across - shifts[:, None], shape))
     return shifts, np.minimum(misfit, 0.3 * shape.height_mm).mean(axis=1)
 
