@@ -116,6 +116,12 @@ class PlateCamera:
         centre = _axis(self) * self["height_mm"] / _axis(self)[2] - np.array([x0, y0, 0.0])
         return _rotated(centre[None, :], cosine, sine)[0]
 
+    @property
+    def rotation(self) -> Array:
+        """Rotation from the plate frame to the camera's (x right, y down, z forward), shape (3, 3)."""
+        right, up, toward = (_rotated(a[None, :], *_frame_shift(self)[2:])[0] for a in _image_axes(self))
+        return np.vstack([right, -up, -toward])
+
     def rays(self, u_px: ArrayLike, v_px: ArrayLike) -> Rays:
         """Return the rays of pixels; u and v broadcast."""
         ax, ay, bx, by = _principal_rays(self, *np.broadcast_arrays(np.asarray(u_px, float), v_px))

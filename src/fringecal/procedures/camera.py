@@ -1,10 +1,12 @@
 """The camera from its grid picture: crossings, ray model on the plate, the thesis's tables, distortion test."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
+from fringecal.camera.verdict import DistortionVerdict, distortion_verdict
 from fringecal.detect.grid import GridDetection, find_grid
 from fringecal.errors import SessionError
 from fringecal.session import Capture, Session
@@ -21,11 +23,24 @@ class CameraFindings:
     target: LineGrid
     detection: GridDetection
     fit: CameraFit
+    distortion: DistortionVerdict
 
     @property
     def scales(self) -> dict[str, Estimate]:
         """Scale on the plate at the image centre, mm/px: mean, horizontal and vertical."""
         return {name: self.fit.camera.scale(name) for name in ("mean", "horizontal", "vertical")}
+
+    @property
+    def scale_budget(self) -> dict[str, float]:
+        """Contributions to u of the mean scale in mm/px, by cause."""
+        camera = self.fit.camera
+        base, total = camera.scale("mean").value, camera.scale("mean").u
+        budget = {
+            label: camera.replaced(camera.parameters + effect).scale("mean").value - base
+            for label, effect in self.fit.causes.items()
+        }
+        left = total**2 - sum(change**2 for change in budget.values())
+        return budget | {"grid crossings": math.sqrt(max(0.0, left))}
 
 
 def measure_camera(session: Session) -> CameraFindings:
@@ -42,7 +57,9 @@ def measure_camera(session: Session) -> CameraFindings:
     if not isinstance(capture.target, LineGrid):
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
     detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
-    return CameraFindings(capture, capture.target, detection, fit_camera(session, capture.target, detection))
+    fit = fit_camera(session, capture.target, detection)
+    points = np.column_stack([detection.u_px, detection.v_px])
+    return CameraFindings(capture, capture.target, detection, fit, distortion_verdict(fit, points))
 
 
 def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> CameraFit:

@@ -1,5 +1,6 @@
 """Commission a rig: grid, plate and strips in; camera, rig model, projection angle and their budgets out."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -56,6 +57,35 @@ class Commissioning:
     pitch_mm: float
     columns: tuple[ColumnAngle, ...]
     plate_phase_rad: Array
+
+    @property
+    def angle_en(self) -> float | None:
+        """Measured against theoretical angle at the origin: difference over expanded uncertainties (k = 2)."""
+        if self.theory is None:
+            return None
+        return (self.angle.value - self.theory.value) / (2 * math.hypot(self.angle.u, self.theory.u))
+
+    @property
+    def angle_sentence(self) -> str:
+        """Say plainly whether the measured geometry agrees with the stated one."""
+        if self.theory is None or self.angle_en is None:
+            return "The session states no projector position: the angle has nothing to be compared with."
+        difference = self.angle.value - self.theory.value
+        if abs(self.angle_en) <= 1:
+            return f"The measured geometry agrees with the stated one ({difference:+.2f} deg, En {self.angle_en:+.2f})."
+        return (
+            f"The measured angle differs from the stated geometry by {difference:+.2f} deg (En {self.angle_en:+.2f}): the "
+            "projector stands elsewhere, or the strips are not as high as their target says."
+        )
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the record should know besides the numbers."""
+        orders = [
+            f"Fringe order of the {height:g} mm strips: {decision.order:+d} ({decision.reason})."
+            for height, decision in self.orders.items()
+        ]
+        return (*orders, self.angle_sentence)
 
     @property
     def camera_fit(self) -> CameraFit:

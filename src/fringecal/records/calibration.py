@@ -10,6 +10,7 @@ from fringecal.records.documents import read_document, write_document
 from fringecal.records.parts import (
     BudgetRow,
     Check,
+    Dof,
     EstimateRecord,
     Matrix,
     Part,
@@ -140,6 +141,18 @@ class PlateResidual(Part):
         return self
 
 
+class ModeRecord(Part):
+    """One cause of doubt: what one standard uncertainty of it does to camera, rig and plate residual.
+
+    `effect` runs over the camera's parameters, the rig's, then the plate residual's coefficients; the joint
+    covariance of all of them is the sum over the modes of effect times effect transposed.
+    """
+
+    label: str
+    effect: tuple[float, ...]
+    dof: Dof = None
+
+
 class RigRecord(Part):
     """The fitted rig model: named parameters with covariance, and how well it fits.
 
@@ -155,6 +168,11 @@ class RigRecord(Part):
     residual_rms_rad: float = Field(ge=0)
     plate_residual_rms_rad: float = Field(ge=0)
     plate_residual: PlateResidual | None = None
+    projector_mm: tuple[float, float, float] | None = Field(
+        default=None, description="point on the line that all planes of equal phase share; null when collimated"
+    )
+    excess_rad: float = Field(default=0.0, ge=0, description="plate residual beyond the camera's noise, rad rms")
+    modes: tuple[ModeRecord, ...] = ()
 
     @model_validator(mode="after")
     def _sizes_agree(self) -> Self:
@@ -186,6 +204,10 @@ class CalibrationRecord(Provenance):
         shape = (len(self.rig.parameters), len(self.camera.parameters))
         if cross is not None and (len(cross) != shape[0] or any(len(row) != shape[1] for row in cross)):
             raise ValueError(f"rig.cross_covariance must be {shape[0]} x {shape[1]} (rig x camera)")
+        terms = len(self.rig.plate_residual.coefficients) if self.rig.plate_residual else 0
+        for mode in self.rig.modes:
+            if len(mode.effect) != sum(shape) + terms:
+                raise ValueError(f"rig.modes: {mode.label!r} needs {sum(shape) + terms} effects, has {len(mode.effect)}")
         return self
 
 

@@ -1,0 +1,73 @@
+"""`fringecal commission`: calibrate a rig from a session folder."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import command_line, progress, write_report
+
+HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
+
+Writes calibration.json, camera.cameramodel, tables, figures and report.html into DIR.
+Exit code 0 if all checks pass, 3 if one fails, 1 if the session cannot be used.
+
+Example: fringecal commission bench/2026-11-22 --out calibration
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="commission", help=HELP)(commission)
+
+
+def commission(
+    session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
+    out: Path = typer.Option(..., "--out", help="Folder for the results."),
+    as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
+) -> None:
+    """Load, commission, save, print."""
+    from fringecal.procedures.commission import commission as run
+    from fringecal.procedures.recording import calibration_record
+    from fringecal.procedures.report_commission import commission_report
+    from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
+    from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
+    from fringecal.records.files import result_folder
+    from fringecal.session import load_session
+
+    command = command_line("commission", [session, "--out", out])
+    with progress(quiet=as_json) as show:
+        loaded = load_session(session)
+        found = run(loaded, progress=show)
+        record = calibration_record(found, command=command)
+        show("writing the report")
+        report = commission_report(found, command=" ".join(command), created=datetime.now(UTC))
+        with result_folder(out, last=CALIBRATION_FILE) as staging:
+            if not found.calibration.camera.telecentric:
+                write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)
+            write_report(report, staging)
+            write_calibration(record, staging)
+    failed = [check for check in record.checks if check.decision == "fail"]
+    if as_json:
+        print_json(record.model_dump(mode="json"))
+    else:
+        console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
+        for sentence in (*record.notes, *(f"check failed: {check.name}" for check in failed)):
+            console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(3)
+
+
+def _table(estimates) -> Table:  # type: ignore[no-untyped-def]
+    table = Table(title="Calibration; angles from the plate's normal, u is a standard uncertainty")
+    for heading in ("quantity", "value", "u", "U (95 %)", "unit"):
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
+    for name, estimate in estimates.items():
+        label = f"scale, {name}" if estimate.unit == "mm/px" else f"projection {name}"
+        values = (estimate.value, estimate.u, estimate.expanded().U)
+        table.add_row(label.replace("projection apparent", "apparent projection"), *(f"{v:.5f}" for v in values), escape(estimate.unit))
+    return table

@@ -1,0 +1,86 @@
+"""`fringecal reconstruct`: the surface of an object, in millimetres, with its uncertainty."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import typer
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import command_line, progress, write_report
+
+HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
+
+Writes height.npz, height.tif, height.ply, height.stl, height.obj, height.x3p and report.html into DIR.
+
+Example: fringecal reconstruct bench/2026-11-22 --capture leaf --calibration calibration/calibration.json --out leaf
+"""
+
+_MESH_PIXELS = 1_000_000  # meshes of larger pictures are thinned: programs that open them choke
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="reconstruct", help=HELP)(reconstruct)
+
+
+def reconstruct(
+    session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
+    calibration: Path = typer.Option(..., "--calibration", help="calibration.json of the rig."),
+    out: Path = typer.Option(..., "--out", help="Folder for the results."),
+    capture: str = typer.Option("", "--capture", help="Capture of the object; the only one of kind object by default."),
+    model: str = typer.Option("projective", "--model", help="constant-angle, column-angle or projective."),
+    lowest: float | None = typer.Option(None, "--lowest-mm", help="Lowest height the object can have."),
+    highest: float | None = typer.Option(None, "--highest-mm", help="Greatest height the object can have."),
+    as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
+) -> None:
+    """Load, reconstruct, save, print."""
+    from fringecal.procedures.measurement import reconstruct as run
+    from fringecal.procedures.recording import calibration_of
+    from fringecal.procedures.report_measure import measurement_report
+    from fringecal.projection.models import HEIGHT_MODELS
+    from fringecal.records.calibration import read_calibration
+    from fringecal.records.files import result_folder
+    from fringecal.records.surfaces import write_surfaces
+    from fringecal.session import load_session
+
+    if model not in HEIGHT_MODELS:
+        raise typer.BadParameter(f"model is one of {', '.join(HEIGHT_MODELS)}, found {model!r}")
+    command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out])
+    with progress(quiet=as_json) as show:
+        rig = calibration_of(read_calibration(calibration))
+        loaded = load_session(session)
+        found = run(
+            loaded, capture or None, rig, model=model, height_range_mm=_range(lowest, highest), progress=show
+        )
+        show("writing surfaces and report")
+        report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC))
+        with result_folder(out, last="report.html") as staging:
+            pixels = found.surface.z.size
+            write_surfaces(staging, found.surface, stride=max(1, round((pixels / _MESH_PIXELS) ** 0.5)))
+            write_report(report, staging)
+    summary = {
+        "capture": found.capture.name,
+        "model": model,
+        "shares": found.shares(),
+        "z_min_mm": float(np.nanmin(found.surface.z)),
+        "z_max_mm": float(np.nanmax(found.surface.z)),
+        "u_z_median_mm": float(np.nanmedian(found.surface.u_z)),
+        "height": str(out / "height.npz"),
+        "report": str(out / "report.html"),
+    }
+    if as_json:
+        print_json(summary)
+        return
+    console.print(
+        f"{summary['capture']}: z from {summary['z_min_mm']:.3f} to {summary['z_max_mm']:.3f} mm, median u(z) "
+        f"{summary['u_z_median_mm']:.4f} mm, {100 * found.shares()['valid']:.1f} % of the picture valid",
+        highlight=False,
+    )
+    console.print(f"surface: {summary['height']}\nreport: {summary['report']}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _range(lowest: float | None, highest: float | None) -> tuple[float, float] | None:
+    if lowest is None and highest is None:
+        return None
+    return (-np.inf if lowest is None else lowest, np.inf if highest is None else highest)

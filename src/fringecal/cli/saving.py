@@ -1,0 +1,51 @@
+"""What every verb writes: record, tables, figures and report, all together or not at all."""
+
+from collections.abc import Callable, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from fringecal.cli.console import console
+from fringecal.procedures.report_parts import figures_of, tables_of
+from fringecal.records.files import write_bytes, write_table
+from fringecal.report.html import write_html
+from fringecal.report.structure import Report
+
+REPORT_FILE = "report.html"
+
+
+def write_report(report: Report, folder: Path) -> None:
+    """Write a report with its tables as CSV and its figures beside it."""
+    for name, frame in tables_of(report).items():
+        write_table(_made(folder / "tables") / name, frame)
+    for name, content in figures_of(report).items():
+        write_bytes(_made(folder / "figures") / name, content)
+    write_html(report, folder / REPORT_FILE)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@contextmanager
+def progress(*, quiet: bool):  # type: ignore[no-untyped-def]
+    """Lend a function that shows what is being done; silent when the output is for a program."""
+    if quiet:
+        yield lambda _: None
+        return
+    with console.status("starting") as status:
+
+        def show(step: str) -> None:
+            if not console.is_terminal:
+                console.print(f"  {step}", markup=False, highlight=False)
+            status.update(step)
+
+        yield show
+
+
+def command_line(verb: str, arguments: Sequence[object]) -> tuple[str, ...]:
+    """Return the command as typed, for the record."""
+    return ("fringecal", verb, *(str(a) for a in arguments))
+
+
+type Show = Callable[[str], None]

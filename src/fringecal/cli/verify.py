@@ -1,0 +1,90 @@
+"""`fringecal verify`: a calibrated rig against angle bars of known geometry."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import command_line, progress, write_report
+
+HELP = """Measure a zig-zag of angle bars with a calibrated rig and tabulate its height errors.
+
+Writes verification.json, tables, figures and report.html into DIR.
+
+Example: fringecal verify bench/2026-11-22 --capture bars --calibration calibration/calibration.json --out verification
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="verify", help=HELP)(verify)
+
+
+def verify(
+    session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
+    calibration: Path = typer.Option(..., "--calibration", help="calibration.json of the rig."),
+    out: Path = typer.Option(..., "--out", help="Folder for the results."),
+    capture: str = typer.Option("", "--capture", help="Capture of the bars; the only one of kind artefact by default."),
+    rows: str = typer.Option("", "--rows", help="Rows of the profiles in px, comma-separated."),
+    filters: bool = typer.Option(True, "--filters/--no-filters", help="Rank median and mean filters."),
+    as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
+) -> None:
+    """Load, verify, save, print."""
+    from fringecal.procedures.recording import calibration_of, verification_record
+    from fringecal.procedures.report_verify import verification_report
+    from fringecal.procedures.verification import verify as run
+    from fringecal.records.calibration import read_calibration
+    from fringecal.records.files import result_folder
+    from fringecal.records.verification import VERIFICATION_FILE, write_verification
+    from fringecal.session import load_session
+
+    command = command_line("verify", [session, "--calibration", calibration, "--out", out])
+    with progress(quiet=as_json) as show:
+        rig = calibration_of(read_calibration(calibration))
+        loaded = load_session(session)
+        found = run(
+            loaded, capture or None, rig, rows_px=_rows(rows), with_filters=filters, progress=show
+        )
+        record = verification_record(found, loaded, _record_file(calibration), command=command)
+        show("writing the report")
+        report = verification_report(found, command=" ".join(command), created=datetime.now(UTC))
+        with result_folder(out, last=VERIFICATION_FILE) as staging:
+            write_report(report, staging)
+            write_verification(record, staging)
+    if as_json:
+        print_json(record.model_dump(mode="json"))
+        return
+    console.print(_table(found.errors))
+    console.print(found.errors.sentence, markup=False, highlight=False, soft_wrap=True)
+    console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _record_file(path: Path) -> Path:
+    from fringecal.records.calibration import CALIBRATION_FILE
+
+    return path / CALIBRATION_FILE if path.is_dir() else path
+
+
+def _rows(text: str) -> tuple[int, ...] | None:
+    if not text.strip():
+        return None
+    try:
+        return tuple(int(part) for part in text.split(","))
+    except ValueError as error:
+        raise typer.BadParameter(f"rows are whole pixel numbers separated by commas, found {text!r}") from error
+
+
+def _table(errors) -> Table:  # type: ignore[no-untyped-def]
+    table = Table(title=f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm")
+    for heading in ("profile", "row px", "y mm", "n", "mean mm", "sd mm", "max mm", "mean %", "max %", "u mm", "En"):
+        table.add_column(heading, justify="right")
+    for p in (*errors.profiles, errors.pooled):
+        en = "" if p.en is None else f"{p.en:+.2f}"
+        numbers = (p.mean_mm, p.sd_mm, p.max_abs_mm)
+        percents = (f"{p.mean_percent:+.3f}", f"{p.max_percent:.3f}")
+        table.add_row(
+            p.name, f"{p.row_px:.0f}", f"{p.y_mm:.1f}", str(p.n), *(f"{v:.4f}" for v in numbers), *percents, f"{p.u_mm:.4f}", en
+        )
+    return table

@@ -1,0 +1,48 @@
+"""Named checks of a commissioning: value, limit, rule and one of four outcomes."""
+
+from typing import TYPE_CHECKING
+
+from fringecal.records.parts import Check
+from fringecal.uncertainty.conformity import decide
+
+if TYPE_CHECKING:
+    from fringecal.procedures.commission import Commissioning
+
+# Defaults that a sound rig keeps; a lab's own limits will take their place.
+PLATE_RESIDUAL_LIMIT_RAD = 0.10  # 1.6 % of a fringe: beyond it the plate is no plane or the frames do not belong together
+GRID_RESIDUAL_LIMIT_PX = 0.30
+EN_LIMIT = 1.0
+ANGLE_U_LIMIT_DEG = 0.5  # 1.8 % of a height at 50 deg
+
+
+def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
+    """Return the checks of a commissioning, with their decisions."""
+    checks = [
+        _below("plate phase residual", found.fit.plate_rms_rad, PLATE_RESIDUAL_LIMIT_RAD, "rad"),
+        _below("grid residual", found.camera.fit.rms_px, GRID_RESIDUAL_LIMIT_PX, "px"),
+        _below("standard uncertainty of the projection angle", found.angle.u, ANGLE_U_LIMIT_DEG, "deg"),
+        Check(
+            name="largest lens displacement",
+            value=found.camera.distortion.max_px.value,
+            u=found.camera.distortion.max_px.u,
+            unit="px",
+            decision="info",
+            rule=f"verdict {found.camera.distortion.verdict}; corrected by the camera model",
+        ),
+    ]
+    if found.angle_en is not None:
+        checks.append(
+            Check(
+                name="angle against theory",
+                value=found.angle_en,
+                limit=EN_LIMIT,
+                decision="pass" if abs(found.angle_en) <= EN_LIMIT else "fail",
+                rule="|En| <= 1, En = difference over the root sum of squares of both expanded uncertainties (k = 2)",
+            )
+        )
+    return tuple(checks)
+
+
+def _below(name: str, value: float, limit: float, unit: str, *, u: float = 0.0) -> Check:
+    outcome = decide(value, u, upper=limit).outcome
+    return Check(name=name, value=value, limit=limit, u=u, unit=unit, decision=outcome, rule="value + guard band <= limit")

@@ -1,0 +1,270 @@
+"""Between what a procedure found and what a record holds: there and, for a calibration, back again."""
+
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.errors import RecordError
+from fringecal.procedures.checks import commissioning_checks
+from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.frames import CapturePhase
+from fringecal.procedures.verification import Verification
+from fringecal.projection.calibration import Mode, RigCalibration
+from fringecal.projection.columns import ColumnAngle
+from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel
+from fringecal.records import calibration as record
+from fringecal.records.parts import BudgetRow, EstimateRecord, InputFile, SessionNote, ValueU, VectorU
+from fringecal.records.provenance import sha256_of, software_versions
+from fringecal.records.verification import (
+    CalibrationUsed,
+    FilterRow,
+    ModelRow,
+    ProfileRecord,
+    VerificationRecord,
+)
+from fringecal.session import Capture, Session
+from fringecal.uncertainty.estimates import Estimate
+from fringecal.verify.errors import ProfileErrors, ZigzagErrors
+
+Array = NDArray[np.float64]
+
+
+def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> record.CalibrationRecord:
+    """Return the record of a commissioning: every estimate, its budget, and all that applying it needs."""
+    scales = {name: EstimateRecord.of(e) for name, e in found.camera.scales.items()}
+    return record.CalibrationRecord(
+        software=software_versions(),
+        command=tuple(command),
+        session=session_note(found.session),
+        inputs=inputs_of(found.session),
+        image=record.ImageRecord(
+            width=found.calibration.camera.width_px,
+            height=found.calibration.camera.height_px,
+            white_level=found.reference.capture.white_level,
+        ),
+        camera=_camera_record(found.calibration.camera),
+        steps=tuple(_steps_record(c) for c in (found.reference, found.strips_capture)),
+        scale=record.ScaleRecord(**scales),
+        distortion=_distortion_record(found),
+        projection=_projection_record(found),
+        rig=_rig_record(found),
+        budgets={
+            "projection.angle": budget_rows(found.angle_budget),
+            "scale.mean": budget_rows(found.camera.scale_budget),
+        },
+        checks=commissioning_checks(found),
+        targets=_targets_of(found.session),
+        notes=(found.reference.sentence(), found.strips_capture.sentence(), *found.notes),
+    )
+
+
+def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
+    """Return the calibrated rig that a record holds.
+
+    Raises
+    ------
+    RecordError
+        The record holds another kind of camera or rig than this version knows.
+    """
+    if written.camera.names != CAMERA_NAMES or written.rig.parameter_names != RIG_NAMES:
+        raise RecordError(
+            "the record's camera or rig parameters are not those that this version knows; use the version that wrote it "
+            f"({written.software.get('fringecal', 'unknown')})"
+        )
+    camera = PlateCamera(
+        np.array(written.camera.parameters),
+        np.array(written.camera.covariance),
+        written.camera.width,
+        written.camera.height,
+        written.camera.telecentric,
+    )
+    residual = PlateResidual()
+    if written.rig.plate_residual is not None:
+        kept = written.rig.plate_residual
+        residual = PlateResidual(kept.degree, np.array(kept.coefficients), kept.box)
+    projector = np.full(3, np.inf) if written.rig.projector_mm is None else np.array(written.rig.projector_mm)
+    model = RigModel(np.array(written.rig.parameters), projector, residual)
+    modes = tuple(Mode(m.label, np.array(m.effect), np.inf if m.dof is None else m.dof) for m in written.rig.modes)
+    return RigCalibration(camera, model, modes, written.rig.excess_rad)
+
+
+def verification_record(
+    found: Verification, session: Session, calibration_file: Path, *, command: Sequence[str] = ()
+) -> VerificationRecord:
+    """Return the record of a verification on a zig-zag."""
+    errors = found.errors
+    return VerificationRecord(
+        software=software_versions(),
+        command=tuple(command),
+        session=session_note(session),
+        inputs=inputs_of(session, only=found.capture),
+        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        capture=found.capture.name,
+        target=found.target.model_dump(mode="json"),
+        full_height_mm=errors.full_height_mm,
+        edge_zone_mm=errors.edge_zone_mm,
+        height_model="projective",
+        profiles=tuple(_profile_record(p) for p in errors.profiles),
+        profiles_with_edges=tuple(_profile_record(p) for p in errors.profiles_with_edges),
+        models=tuple(_model_row(name, e) for name, e in found.models.items()),
+        filters=tuple(
+            FilterRow(before=f.before, after=f.after, rank=f.rank, **_pooled(f.errors)) for f in found.filters
+        ),
+        sentence=errors.sentence,
+        notes=(found.phase.sentence(),),
+    )
+
+
+def session_note(session: Session) -> SessionNote:
+    """Return which session the record comes from."""
+    return SessionNote(
+        rig=session.rig,
+        captured=session.captured.astimezone(UTC) if isinstance(session.captured, datetime) else None,
+        operator=session.operator,
+        temperature_degC=session.temperature_degC,
+        minutes_since_power_on=session.minutes_since_power_on,
+    )
+
+
+def inputs_of(session: Session, *, only: Capture | None = None) -> tuple[InputFile, ...]:
+    """Return the files used, with their hashes."""
+    captures = session.captures.values() if only is None else (only,)
+    return tuple(
+        InputFile(capture=c.name, file=path.name, sha256=digest)
+        for c in captures
+        for path, digest in zip(c.paths, c.sha256, strict=True)
+    )
+
+
+def budget_rows(contributions: Mapping[str, float]) -> tuple[BudgetRow, ...]:
+    """Return budget rows, the largest first; contributions are in the unit of the result."""
+    total = sum(c**2 for c in contributions.values()) or 1.0
+    rows = sorted(contributions.items(), key=lambda item: -abs(item[1]))
+    return tuple(
+        BudgetRow(label=label, u=abs(c), contribution=abs(c), percent=100 * c**2 / total) for label, c in rows
+    )
+
+
+def _matrix(values: Array) -> tuple[tuple[float, ...], ...]:
+    symmetric = (values + values.T) / 2
+    return tuple(tuple(float(v) for v in row) for row in symmetric)
+
+
+def _camera_record(camera: PlateCamera) -> record.CameraRecord:
+    return record.CameraRecord(
+        names=CAMERA_NAMES,
+        parameters=tuple(map(float, camera.parameters)),
+        covariance=_matrix(camera.covariance),
+        telecentric=camera.telecentric,
+        width=camera.width_px,
+        height=camera.height_px,
+    )
+
+
+def _steps_record(found: CapturePhase) -> record.StepsRecord:
+    estimate = found.estimated
+    return record.StepsRecord(
+        capture=found.capture.name,
+        stated_rad=tuple(found.capture.steps_rad),
+        estimated_rad=None if estimate is None else tuple(map(float, estimate.steps_rad)),
+        u_rad=None if estimate is None else tuple(map(float, estimate.u_rad)),
+        used="estimated" if found.used == "estimated" else "stated",
+    )
+
+
+def _distortion_record(found: Commissioning) -> record.DistortionRecord:
+    test = found.camera.distortion
+    return record.DistortionRecord(
+        verdict=test.verdict,
+        max_px=ValueU(value=test.max_px.value, u=test.max_px.u),
+        detection_limit_px=test.detection_limit_px,
+        k1=found.calibration.camera["k1"],
+        k2=found.calibration.camera["k2"],
+        p_value=test.p_value,
+    )
+
+
+def _projection_record(found: Commissioning) -> record.ProjectionRecord:
+    return record.ProjectionRecord(
+        angle=EstimateRecord.of(found.angle),
+        apparent_angle=EstimateRecord.of(found.apparent),
+        columns=tuple(_column_record(c) for c in found.columns),
+        theory=None if found.theory is None else _theory_record(found, found.theory),
+    )
+
+
+def _theory_record(found: Commissioning, theory: Estimate) -> record.TheoryRecord:
+    assert found.session.projector is not None
+    position = found.session.projector.position_mm
+    height = found.session.camera.height_mm
+    return record.TheoryRecord(
+        angle=EstimateRecord.of(theory),
+        projector_position_mm=VectorU(value=position.values, u=tuple(map(float, position.u_array(3)))),
+        camera_height_mm=None if height is None else ValueU(value=height.values[0], u=height.us[0]),
+        difference_deg=found.angle.value - theory.value,
+        en=found.angle_en,
+        sentence=found.angle_sentence,
+    )
+
+
+def _column_record(column: ColumnAngle) -> record.ColumnRecord:
+    return record.ColumnRecord(
+        u_px=column.u_px,
+        x_mm=column.x_mm,
+        breaks=column.breaks,
+        angle_deg=column.angle.value,
+        u_deg=column.angle.u,
+        apparent_deg=column.apparent_deg,
+        theory_deg=None if column.theory is None else column.theory.value,
+        difference_deg=column.difference_deg,
+        en=column.en,
+    )
+
+
+def _rig_record(found: Commissioning) -> record.RigRecord:
+    calibration = found.calibration
+    cut, end = len(CAMERA_NAMES), len(CAMERA_NAMES) + len(RIG_NAMES)
+    joint = calibration.covariance
+    residual = calibration.model.residual
+    projector = calibration.model.projector_mm
+    return record.RigRecord(
+        model="projective",
+        parameter_names=RIG_NAMES,
+        parameters=tuple(map(float, calibration.model.parameters)),
+        covariance=_matrix(joint[cut:end, cut:end]),
+        cross_covariance=tuple(tuple(map(float, row)) for row in joint[cut:end, :cut]),
+        residual_rms_rad=found.fit.rms_rad,
+        plate_residual_rms_rad=found.fit.plate_rms_rad,
+        plate_residual=record.PlateResidual(
+            degree=residual.degree, coefficients=tuple(map(float, residual.coefficients)), box=residual.box
+        ),
+        projector_mm=tuple(map(float, projector)) if np.all(np.isfinite(projector)) else None,
+        excess_rad=calibration.excess_rad,
+        modes=tuple(
+            record.ModeRecord(label=m.label, effect=tuple(map(float, m.effect)), dof=m.dof) for m in calibration.modes
+        ),
+    )
+
+
+def _targets_of(session: Session) -> dict[str, dict[str, Any]]:
+    targets = [c.target for c in session.captures.values() if c.target is not None]
+    return {t.name: t.model_dump(mode="json") for t in targets}
+
+
+def _profile_record(profile: ProfileErrors) -> ProfileRecord:
+    keys = ("name", "row_px", "y_mm", "n", "mean_mm", "sd_mm", "max_abs_mm", "mean_percent", "max_percent", "u_mm", "en")
+    return ProfileRecord(**{key: getattr(profile, key) for key in keys})
+
+
+def _pooled(errors: ZigzagErrors) -> dict[str, float]:
+    keys = ("mean_mm", "sd_mm", "max_abs_mm", "mean_percent", "max_percent")
+    return {key: float(getattr(errors.pooled, key)) for key in keys}
+
+
+def _model_row(name: str, errors: ZigzagErrors) -> ModelRow:
+    return ModelRow(model=name, **_pooled(errors))
