@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from fringecal.detect.grid_lattice import Lattice
 from fringecal.detect.grid_nodes import along, edges_between
 from fringecal.detect.grid_seeds import CoarseGrid
 from fringecal.detect.line_points import cut_patches, measure_points
@@ -34,13 +35,13 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
         present, contrast = _line_evidence(grey, candidate)
         # Contrast and whole cells in the score: extrema within the cells form lattices too, but on faint
         # ghosts of lines; and points half-way along the lines form one of half the spacing without cells.
-        score = present * contrast * _whole_cells(_dense(candidate))
+        score = present * contrast * _whole_cells(dense(candidate.lattice))
         if present > MIN_PRESENT and score > best_score:
             best, best_score = candidate, score
     if best is None:
         what = _largest_pattern(grey, candidates)
         raise DetectionError(
-            f"no line grid found: {what}; photograph grid paper square-on, its lines 6 to 120 px apart, in focus"
+            f"no line grid found: {what}; photograph grid paper square-on and in focus, 6 to 120 px per line"
         )
     return best
 
@@ -49,25 +50,25 @@ def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]
     """Say what the largest lattice of extrema might be, if there is a large one."""
     if not candidates or candidates[0].lattice.column.size < MIN_PATTERN:
         return "no regular pattern of crossings"
-    return f"the picture shows {_other_pattern(grey, _dense(candidates[0]), candidates[0].sign)}"
+    return f"the picture shows {_other_pattern(grey, dense(candidates[0].lattice), candidates[0].sign)}"
 
 
-def _dense(candidate: CoarseGrid) -> FloatArray:
-    lattice = candidate.lattice
+def dense(lattice: Lattice) -> FloatArray:
+    """Positions (rows, columns, 2) of an indexed lattice, px, NaN where there is none."""
     nodes = np.full((lattice.row.max() + 1, lattice.column.max() + 1, 2), np.nan)
     nodes[lattice.row, lattice.column] = np.stack([lattice.u_px, lattice.v_px], axis=1)
     return nodes
 
 
 def _whole_cells(nodes: FloatArray) -> int:
-    """Number of cells with all four corners known."""
+    """Count the cells with all four corners known."""
     known = np.isfinite(nodes[..., 0])
     return int((known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]).sum())
 
 
 def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[float, float]:
     """Part of the edges with a line all along their middle, and its median contrast: the weaker family's."""
-    nodes = _dense(candidate)
+    nodes = dense(candidate.lattice)
     full = candidate.sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
     present, typical = 1.0, np.inf
     for family in (0, 1):
@@ -85,11 +86,13 @@ def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tupl
 def _edge_contrast(
     bright: npt.NDArray[np.float32], start: FloatArray, end: FloatArray, spacing: FloatArray
 ) -> FloatArray:
-    """Brightness on an edge less that 3/8 of the spacing beside it, the least of three thirds of its middle."""
+    """Brightness on an edge less that 3/8 of the spacing beside it: the least of three places on it."""
     step = end - start
     normal = np.stack([-step[:, 1], step[:, 0]], axis=1)
     normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
-    across = np.array([-0.4, -0.35, -0.3, -0.1, -0.05, 0.0, 0.05, 0.1, 0.3, 0.35, 0.4])
+    # Close enough samples not to step over a line one pixel wide.
+    central = np.linspace(-0.1, 0.1, max(5, int(0.3 * np.median(spacing))))
+    across = np.concatenate([[-0.4, -0.35, -0.3], central, [0.3, 0.35, 0.4]])
     thirds = []
     for third in ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7)):
         sections = np.mean(
@@ -100,7 +103,7 @@ def _edge_contrast(
             axis=0,
         )
         beside = 0.5 * (sections[:, :3].mean(axis=1) + sections[:, -3:].mean(axis=1))
-        thirds.append(sections[:, 3:8].max(axis=1) - beside)
+        thirds.append(sections[:, 3:-3].max(axis=1) - beside)
     return np.min(thirds, axis=0)
 
 
@@ -165,4 +168,4 @@ def _other_pattern(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) 
         return "a periodic pattern without lines"
     edge = np.mean([_brightness(grey, nodes + 0.5 * along(nodes, family)) for family in (0, 1)])
     part = (edge - node) / (cell - node)
-    return "a chessboard (use find_chessboard)" if part < 0.75 else "a pattern of dots (use find_dots)"
+    return "a chessboard (use find_chessboard)" if 0.25 < part < 0.75 else "a pattern of dots (use find_dots)"

@@ -91,7 +91,7 @@ def _opposites(vectors: FloatArray, length: FloatArray) -> tuple[npt.NDArray[np.
 
 
 def _spread(seeds: IntArray, tries: int) -> IntArray:
-    """Indices of seeds to try: the best one, then others evenly through the ranking."""
+    """Choose the seeds to try: the best one, then others evenly through the ranking."""
     return np.unique(np.linspace(0, len(seeds) - 1, tries).astype(np.int64)) if len(seeds) else seeds
 
 

@@ -16,7 +16,6 @@ IntArray = npt.NDArray[np.int64]
 PATCH_LENGTH_PX = 9.0
 MAX_PATCHES = 12
 ITERATIONS = 5
-CONVERGED_PX = 1e-5
 # Lines weaker than this multiple of their own uncertainty are not told from noise.
 MIN_SIGNIFICANCE = 5.0
 
@@ -43,7 +42,7 @@ class Patches:
 
 @dataclass(frozen=True)
 class LinePoints:
-    """Measured points of lines: position, u across the line, contrast (grey levels), status, edge; all (n,)."""
+    """Points of lines: position and u across, px, contrast (grey levels), status and edge; all (n,)."""
 
     u_px: FloatArray
     v_px: FloatArray
@@ -89,7 +88,12 @@ def cut_patches(
 
 
 def measure_points(
-    image: npt.NDArray[np.float32], patches: Patches, profile: LineProfile, sign: int
+    image: npt.NDArray[np.float32],
+    patches: Patches,
+    profile: LineProfile,
+    sign: int,
+    *,
+    tolerance_px: float = 3e-3,
 ) -> LinePoints:
     """Position of the line in every patch, by least squares on its pixels.
 
@@ -103,6 +107,8 @@ def measure_points(
         Cross-section of the lines.
     sign
         -1 for dark lines, +1 for light ones.
+    tolerance_px
+        A step smaller than this is the last one.
 
     Notes
     -----
@@ -117,15 +123,24 @@ def measure_points(
         patches.direction,
         patches.half_length,
         patches.half_width,
-        (table, profile.reach_px, 0.5 * profile.reach_px + 1.0),
+        (table, profile.reach_px, 0.5 * profile.reach_px + 1.0, tolerance_px),
     )
-    offset, sigma, contrast, sigma_contrast, inside = measured.T
+    offset, sigma, contrast, sigma_contrast, inside, variance = measured.T
+    # The residual variance of one patch rests on few pixels; half of it is taken from all patches.
+    pooled = np.sqrt(0.5 * (1 + _typical(variance) / np.maximum(variance, 1e-12)))
+    sigma, sigma_contrast = sigma * pooled, sigma_contrast * pooled
     normal = np.stack([-patches.direction[:, 1], patches.direction[:, 0]], axis=1)
     point = patches.centre + offset[:, None] * normal
     missing = ~np.isfinite(sigma) | (sign * contrast < MIN_SIGNIFICANCE * sigma_contrast)
     missing |= np.abs(offset) > 0.6 * patches.half_width
     status = np.where(inside < 0.5, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
     return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
+
+
+def _typical(variance: FloatArray) -> float:
+    """Median of the positive residual variances."""
+    positive = variance[variance > 0]
+    return float(np.median(positive)) if positive.size else 0.0
 
 
 @njit(cache=True, inline="always")
@@ -174,10 +189,10 @@ def _accumulate(image, frame, half, template, normal, right):  # type: ignore[no
 
 @njit(cache=True, parallel=True)
 def _measure(image, centre, direction, half_length, half_width, template):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Rows (offset, its u, contrast, its u, 1 if inside the picture) of every patch."""
-    table, reach, step_limit = template
+    """Rows (offset, its u, contrast, its u, 1 if inside the picture, residual variance) of every patch."""
+    table, reach, step_limit, tolerance = template
     height, width = image.shape
-    out = np.zeros((len(centre), 5))
+    out = np.zeros((len(centre), 6))
     for p in prange(len(centre)):
         dx, dy = direction[p, 0], direction[p, 1]
         half = (half_length[p], half_width[p])
@@ -189,7 +204,7 @@ def _measure(image, centre, direction, half_length, half_width, template):  # ty
         size = 5 if half[1] > reach + 1.0 else 4
         offset = 0.0
         out[p, 1] = np.inf
-        for step in range(ITERATIONS + 1):
+        for _ in range(ITERATIONS + 1):
             cx, cy = centre[p, 0] - offset * dy, centre[p, 1] + offset * dx
             if cx - reach_u < 0 or cy - reach_v < 0 or cx + reach_u > width - 1 or cy + reach_v > height - 1:
                 break
@@ -211,7 +226,8 @@ def _measure(image, centre, direction, half_length, half_width, template):  # ty
             out[p, 1] = np.sqrt(rest * inverse[2, 2]) / abs(contrast)
             out[p, 2] = contrast
             out[p, 3] = np.sqrt(rest * inverse[1, 1])
-            if abs(shift) < CONVERGED_PX:
+            out[p, 5] = rest
+            if abs(shift) < tolerance:
                 out[p, 0] = offset + shift
                 break
             offset += min(max(shift, -step_limit), step_limit)

@@ -151,5 +151,7 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
         [min(width, 1.5 * half), 0.6, 1.0, 0.0],
         bounds=([0.3, 0.05, 0.0, -1.0], [2 * half, half, 20.0, 1.0]),
         x_scale=[1.0, 0.3, 1.0, 0.3],
+        ftol=1e-6,
+        xtol=1e-4,
     )
     return LineProfile(float(fit.x[0]), float(fit.x[1]))

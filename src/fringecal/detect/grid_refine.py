@@ -1,0 +1,203 @@
+"""Measure all lines between known crossings and intersect them anew: one round, repeated until it stands."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from fringecal.detect.grid_crossings import (
+    LocalLines,
+    fit_local_lines,
+    intersect,
+    mark_outliers,
+    residuals,
+)
+from fringecal.detect.grid_map import SmoothMap, deviations, fit_to_nodes, fit_to_points, robust_sd
+from fringecal.detect.grid_nodes import Edges, edges_between, predict_missing, stubs
+from fringecal.detect.line_points import LinePoints, LineStatus, cut_patches, measure_points
+from fringecal.detect.line_profile import LineProfile
+from fringecal.errors import DetectionError
+
+FloatArray = npt.NDArray[np.float64]
+BoolArray = npt.NDArray[np.bool_]
+
+# Rounds of: predict missing crossings, measure lines, intersect. Each may extend the grid by one line.
+EXTENSION_ROUNDS = 2
+REFINEMENT_ROUNDS = 2
+# Coarse crossings are off by up to this part of the spacing; the lines are first sought that much broader.
+CAPTURE_PART = 0.03
+# A Gauss-Newton step leaves an error of about its own square: these steps are the last ones.
+ROUGH_PX, FINE_PX = 0.1, 3e-3
+# A crossing that moves further than this part of the spacing from its prediction is another feature.
+MAX_MOVE = 0.3
+# A measured point much fainter than its family's middle is texture, not line.
+MIN_RELATIVE_CONTRAST = 0.2
+# Sampling leaves about this much even in a picture without noise.
+MIN_SIGMA_PX = 1e-4
+MIN_STUB_CONTRAST = 0.5
+MAX_STUB_OFFSET_PX = 0.5
+
+
+@dataclass(frozen=True)
+class Pencil:
+    """How to see lines: the grey picture, the lines' cross-section, and their sign (-1 dark, +1 light)."""
+
+    grey: npt.NDArray[np.float32]
+    profile: LineProfile
+    sign: int
+
+    def blurred(self, blur_px: float) -> "Pencil":
+        """Return one that expects broader lines, and so catches them from further off."""
+        profile = replace(self.profile, blur_px=float(np.hypot(self.profile.blur_px, blur_px)))
+        return replace(self, profile=profile)
+
+
+@dataclass(frozen=True)
+class Refined:
+    """Crossings after one round, with all that was measured; pairs hold horizontal, then vertical."""
+
+    nodes: FloatArray
+    sigma_px: FloatArray
+    smooth: SmoothMap
+    edges: tuple[Edges, Edges]
+    points: tuple[LinePoints, LinePoints]
+    lines: tuple[LocalLines, LocalLines]
+
+
+def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
+    """Extend coarse crossings to the whole grid and make them sub-pixel.
+
+    Parameters
+    ----------
+    pencil
+        Picture, cross-section and sign of the lines.
+    nodes
+        Coarse crossings (rows, columns, 2), px, NaN where unknown.
+
+    Raises
+    ------
+    DetectionError
+        If fewer than nine crossings are joined by lines.
+    """
+    capture = pencil.blurred(CAPTURE_PART * _spacing(nodes))
+    for _ in range(EXTENSION_ROUNDS):
+        known = np.isfinite(nodes[..., 0])
+        nodes = np.pad(nodes, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+        known = np.pad(known, 1)
+        nodes = _round(capture, predict_missing(nodes), known, tolerance_px=ROUGH_PX).nodes
+        if (np.isfinite(nodes[..., 0]) == known).all():
+            break
+        capture = pencil
+    for _ in range(REFINEMENT_ROUNDS):
+        found = _round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX)
+        nodes = found.nodes
+    return _trimmed(found)
+
+
+def _spacing(nodes: FloatArray) -> float:
+    """Smaller one of the two families' median spacings, px."""
+    return min(float(np.median(edges_between(nodes, family).spacing)) for family in (0, 1))
+
+
+def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_px: float) -> Refined:
+    """Measure all lines between the crossings and intersect them; unsupported crossings become NaN."""
+    shape = nodes.shape[:2]
+    edges = (edges_between(nodes, 0), edges_between(nodes, 1))
+    points = (_measured(pencil, edges[0], tolerance_px), _measured(pencil, edges[1], tolerance_px))
+    smooth = fit_to_nodes(np.where(trusted[..., None], nodes, np.nan))
+    rough = [deviations(smooth, family, edges[family], points[family]) for family in (0, 1)]
+    smooth = fit_to_points(smooth, rough, [p.status == LineStatus.OK for p in points], (shape[0], shape[1]))
+    (first, lines0), (second, lines1) = (
+        _local_lines(smooth, shape, family, edges[family], points[family]) for family in (0, 1)
+    )
+    points, lines = (first, second), (lines0, lines1)
+    crossing = intersect(smooth, *lines)
+    reach = MAX_MOVE * min(float(np.median(e.spacing)) for e in edges)
+    shift = crossing - nodes
+    kept = np.hypot(shift[..., 0], shift[..., 1]) < reach
+    for family in (0, 1):
+        kept &= _supported(nodes.shape[:2], family, edges[family], points[family])
+    crossing[~kept] = np.nan
+    if kept.sum() < 9:
+        raise DetectionError(f"no grid found: only {kept.sum()} crossings are joined by lines, 9 needed")
+    sigma = np.sqrt(0.5 * (lines[0].sigma_px ** 2 + lines[1].sigma_px ** 2))
+    return Refined(crossing, np.where(kept, sigma, np.nan), smooth, edges, points, lines)
+
+
+def _measured(pencil: Pencil, edges: Edges, tolerance_px: float) -> LinePoints:
+    """Points on all edges of a family."""
+    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile)
+    return _drop_faint(
+        measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px)
+    )
+
+
+def _local_lines(
+    smooth: SmoothMap, shape: tuple[int, ...], family: int, edges: Edges, points: LinePoints
+) -> tuple[LinePoints, LocalLines]:
+    """Points of one family with outliers marked and sigma from their scatter, and the local parabolas."""
+    grid = (shape[0], shape[1])
+    seen = deviations(smooth, family, edges, points)
+    lines = fit_local_lines(grid, family, seen, points.sigma_px, points.status == LineStatus.OK)
+    residual = residuals(family, seen, points.sigma_px, lines)
+    status = mark_outliers(points.status, residual)
+    good = status == LineStatus.OK
+    scatter = robust_sd(residual[good] / points.sigma_px[good])
+    sigma = np.maximum(points.sigma_px * scatter, MIN_SIGMA_PX)
+    return replace(points, status=status, sigma_px=sigma), fit_local_lines(grid, family, seen, sigma, good)
+
+
+def _drop_faint(points: LinePoints) -> LinePoints:
+    """Call points missing that are much fainter than the middle of the family."""
+    good = points.status == LineStatus.OK
+    if not good.any():
+        return points
+    faint = good & (points.contrast < MIN_RELATIVE_CONTRAST * np.median(points.contrast[good]))
+    return replace(points, status=np.where(faint, int(LineStatus.MISSING), points.status))
+
+
+def _supported(shape: tuple[int, ...], family: int, edges: Edges, points: LinePoints) -> BoolArray:
+    """Nodes that touch at least one edge on which most of the line was found."""
+    present = present_edges(edges, points)
+    support = np.zeros(shape, dtype=bool)
+    for offset in (0, 1):
+        line, place = edges.line[present], edges.place[present] + offset
+        support[(line, place) if family == 0 else (place, line)] = True
+    return support
+
+
+def present_edges(edges: Edges, points: LinePoints) -> BoolArray:
+    """Edges on which at least half of the points are good."""
+    seen = np.bincount(points.edge, weights=points.status == LineStatus.OK, minlength=len(edges.line))
+    total = np.bincount(points.edge, minlength=len(edges.line))
+    return (seen >= 0.5 * total) & (seen > 0)
+
+
+def _trimmed(found: Refined) -> Refined:
+    """Cut empty rows and columns off the border, so that both indices start at 0."""
+    known = np.isfinite(found.nodes[..., 0])
+    rows, columns = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    first = rows[0], columns[0]
+    cut = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    horizontal, vertical = found.edges
+    edges = (
+        replace(horizontal, line=horizontal.line - first[0], place=horizontal.place - first[1]),
+        replace(vertical, line=vertical.line - first[1], place=vertical.place - first[0]),
+    )
+    smooth = replace(found.smooth, middle=found.smooth.middle - np.array(first))
+    lines = tuple(LocalLines(each.coefficients[cut], each.covariance[cut]) for each in found.lines)
+    return Refined(found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]))
+
+
+def stub_points(pencil: Pencil, found: Refined, family: int, way: int) -> tuple[Edges, LinePoints]:
+    """Good points on the pieces of line that stick out beyond the last crossing (way +1 or -1)."""
+    edges = stubs(found.nodes, family, way)
+    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile)
+    points = measure_points(pencil.grey, patches, pencil.profile, pencil.sign)
+    base = found.points[family]
+    typical = np.median(base.contrast[base.status == LineStatus.OK])
+    offset = np.hypot(points.u_px - patches.centre[:, 0], points.v_px - patches.centre[:, 1])
+    good = points.status == LineStatus.OK
+    good &= (offset < MAX_STUB_OFFSET_PX) & (points.contrast > MIN_STUB_CONTRAST * typical)
+    names = ("u_px", "v_px", "sigma_px", "contrast", "status", "edge")
+    return edges, LinePoints(*(getattr(points, name)[good] for name in names))
