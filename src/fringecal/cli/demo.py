@@ -1,0 +1,117 @@
+"""`fringecal demo`: the thesis's rig, virtual, from nothing to a report; then real captures."""
+
+import json
+import sys
+import time
+import webbrowser
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import typer
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import command_line, progress, write_report
+
+HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
+
+Writes the session, all results and report.html into DIR, and prints measured against true against thesis.
+
+Example: fringecal demo --out demo
+"""
+
+_REAL = ("fpp_tools_lens", "kamino_object1")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="demo", help=HELP)(demo)
+
+
+def demo(
+    out: Path = typer.Option(Path("demo"), "--out", help="Folder for session and results."),
+    seed: int = typer.Option(2008, min=0, help="Seed of the virtual rig's noise."),
+    browser: bool = typer.Option(True, "--open/--no-open", help="Open the report, when run at a terminal."),
+    as_json: bool = typer.Option(False, "--json", help="Print the result as one JSON document."),
+) -> None:
+    """Simulate, measure, save, print."""
+    from fringecal.procedures.demo import DemoTruth, demonstrate, read_real, result_table
+    from fringecal.procedures.report_demo import demonstration_report
+    from fringecal.session import load_session, write_session
+    from fringecal.simulate import load_rig, simulate_session, truth_of
+
+    started = time.perf_counter()
+    command = command_line("demo", ["--out", out])
+    with progress(quiet=as_json) as show:
+        rig = load_rig("thesis")
+        simulated = simulate_session(rig, seed=seed, progress=lambda name: show(f"drawing {name}"))
+        folder = write_session(
+            out / "session", simulated.document, simulated.frames, extra_files=simulated.files, overwrite=True
+        )
+        true = truth_of(rig)
+        truth = DemoTruth(true.scale_h, true.scale_v, true.angle_origin_deg, simulated.captures["leaf"].z)
+        found = demonstrate(load_session(folder), truth, progress=show)
+        real = [capture for name in _real_folders() for capture in read_real(load_session(name), progress=show)]
+        table = result_table(found)
+        show("writing the reports")
+        _save(out, found, command)
+        report = demonstration_report(found, table, real, command=" ".join(command), created=datetime.now(UTC))
+        write_report(report, out)
+    if as_json:
+        print_json({"result": json.loads(table.to_json(orient="records")), "report": str(out / "report.html")})
+        return
+    console.print(_table(table))
+    for capture in real:
+        console.print(
+            f"real: {capture.name}: period {capture.period.period_px:.1f} px, "
+            f"{100 * capture.phase.map.valid.mean():.0f} % valid",
+            markup=False, highlight=False, soft_wrap=True,
+        )
+    console.print(f"{time.perf_counter() - started:.0f} s; report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+    if browser and sys.stdout.isatty():
+        webbrowser.open((out / "report.html").absolute().as_uri())
+
+
+def _real_folders() -> list[Path]:
+    """Real captures kept in the source tree; an installed package has none, and the demonstration says nothing of them."""
+    data = Path(__file__).resolve().parents[3] / "tests" / "data"
+    return [data / name for name in _REAL if (data / name / "session.toml").is_file()]
+
+
+def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[no-untyped-def]
+    from fringecal.procedures.recording import calibration_record, verification_record
+    from fringecal.procedures.report_commission import commission_report
+    from fringecal.procedures.report_measure import measurement_report
+    from fringecal.procedures.report_verify import verification_report
+    from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
+    from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
+    from fringecal.records.files import result_folder
+    from fringecal.records.surfaces import write_surfaces
+    from fringecal.records.verification import VERIFICATION_FILE, write_verification
+
+    line, now = " ".join(command), datetime.now(UTC)
+    with result_folder(out / "calibration", last=CALIBRATION_FILE) as staging:
+        write_cameramodel(staging / CAMERAMODEL_FILE, found.commissioning.calibration.camera)
+        write_report(commission_report(found.commissioning, command=line, created=now), staging)
+        write_calibration(calibration_record(found.commissioning, command=command), staging)
+    session = found.commissioning.session
+    with result_folder(out / "verification", last=VERIFICATION_FILE) as staging:
+        write_report(verification_report(found.verification, command=line, created=now), staging)
+        record = verification_record(
+            found.verification, session, out / "calibration" / CALIBRATION_FILE, command=command
+        )
+        write_verification(record, staging)
+    with result_folder(out / "leaf", last="report.html") as staging:
+        write_surfaces(staging, found.leaf.surface)
+        write_report(measurement_report(found.leaf, command=line, created=now), staging)
+
+
+def _table(frame: pd.DataFrame) -> Table:
+    table = Table(title="Measured against true against the thesis of 2008 (u: standard uncertainty)")
+    for heading in frame.columns:
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
+    for row in frame.itertuples(index=False):
+        table.add_row(row[0], *("" if np.isnan(value) else f"{value:.4f}" for value in row[1:5]), row[5])
+    return table
