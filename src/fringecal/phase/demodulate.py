@@ -193,7 +193,7 @@ def _run(grey: NDArray, scheme: Scheme, limits: kernels.Limits, result: PhaseMap
     model = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
     kernels.demodulate_full(
         grey.reshape(len(steps), -1),
-        np.concatenate([w, noise.gain * products]).astype(np.float32),
+        (np.concatenate([w, noise.gain * products]) if noise.gain else w).astype(np.float32),
         model.astype(np.float32),
         np.array([*constant, least], np.float32),
         limits,

@@ -16,7 +16,7 @@ BLOCK = 2048
 """Pixels taken at a time: a few float32 buffers of this length fit a 32 KiB first-level cache."""
 
 _PI, _HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _INFINITY, _NAN = np.float32(0), np.float32(np.inf), np.float32(np.nan)
 # Keeps 0/0 away in pixels without any modulation; far below the square of any real grey value.
 _TINY = np.float32(1e-30)
 
@@ -71,31 +71,35 @@ def _atan2(y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=_FAST, inline="always")
-def _weigh(frames, start, count, weights, sums):  # type: ignore[no-untyped-def]
-    """Fill `sums` (K, BLOCK) with the K weighted sums of the frames over one block."""
-    for k in range(weights.shape[0]):
-        row = sums[k]
-        w = weights[k, 0]
-        frame = frames[0, start : start + count]
-        for i in range(count):
-            row[i] = w * np.float32(frame[i])
-        for n in range(1, frames.shape[0]):
-            w = weights[k, n]
-            frame = frames[n, start : start + count]
+def _three_sums(frames, start, count, weights, sums, peak):  # type: ignore[no-untyped-def]
+    """Fill three rows of `sums` with weighted sums over one block, and `peak` with its brightest frame."""
+    a, c, s = sums[0], sums[1], sums[2]
+    for n in range(frames.shape[0]):
+        wa, wc, ws = weights[0, n], weights[1, n], weights[2, n]
+        frame = frames[n, start : start + count]
+        if n == 0:
             for i in range(count):
-                row[i] += w * np.float32(frame[i])
+                x = np.float32(frame[i])
+                a[i] = wa * x
+                c[i] = wc * x
+                s[i] = ws * x
+                peak[i] = x
+        else:
+            for i in range(count):
+                x = np.float32(frame[i])
+                a[i] += wa * x
+                c[i] += wc * x
+                s[i] += ws * x
+                peak[i] = max(peak[i], x)
 
 
 @njit(fastmath=_FAST, inline="always")
-def _brightest(frames, start, count, peak):  # type: ignore[no-untyped-def]
-    """Fill `peak` with the largest of the N grey values of each pixel of one block."""
-    frame = frames[0, start : start + count]
-    for i in range(count):
-        peak[i] = np.float32(frame[i])
-    for n in range(1, frames.shape[0]):
-        frame = frames[n, start : start + count]
-        for i in range(count):
-            peak[i] = max(peak[i], np.float32(frame[i]))
+def _flags(a, b, peak, limits):  # type: ignore[no-untyped-def]
+    """Return the reasons that both kernels know, as a 32-bit integer, which vectorises beside float32."""
+    why = np.int32(SATURATED) if peak >= limits.white_level else np.int32(0)
+    why |= np.int32(DARK) if a < limits.dark_level else np.int32(0)
+    why |= np.int32(LOW_MODULATION) if b < limits.min_modulation else np.int32(0)
+    return why | (np.int32(0) if abs(b) < _INFINITY else np.int32(OUTSIDE))
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
@@ -119,21 +123,17 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
         count = min(BLOCK, pixels - start)
         sums = np.empty((3, BLOCK), np.float32)
         peak = np.empty(BLOCK, np.float32)
-        _weigh(frames, start, count, weights, sums)
-        _brightest(frames, start, count, peak)
+        _three_sums(frames, start, count, weights, sums, peak)
         a, c, s = sums[0], sums[1], sums[2]
         out_p, out_m = phase[start : start + count], modulation[start : start + count]
         out_r = reasons[start : start + count]
         for i in range(count):
             b = np.sqrt(c[i] * c[i] + s[i] * s[i])
-            why = SATURATED if peak[i] >= limits.white_level else 0
-            why += DARK if a[i] < limits.dark_level else 0
-            why += LOW_MODULATION if b < limits.min_modulation else 0
-            why += 0 if abs(b) < np.inf else OUTSIDE
+            why = _flags(a[i], b, peak[i], limits)
             angle = _atan2(s[i], c[i])
             out_m[i] = b
             out_r[i] = np.uint8(why)
-            out_p[i] = angle if why == 0 else np.float32(np.nan)
+            out_p[i] = angle if why == np.int32(0) else _NAN
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -167,7 +167,8 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
         Grey values, uint8, uint16 or float32, (N, M).
     weights
         float32 (6, N): the rows of `Scheme.weights` for A, C, S, then gain times the products of rows
-        C C, S S and C S, which turn the grey values into the shot-noise part of their covariance.
+        C C, S S and C S, which turn the grey values into the shot-noise part of their covariance;
+        (3, N) where there is no shot noise.
     model
         float32 (N, 3): 1, cos(delta), -sin(delta); empty (0, 3) when residuals are not tested.
     noise
@@ -178,17 +179,18 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
         Outputs, (M,); phase and sigma are NaN where masked.
     """
     pixels = phase.shape[0]
-    tested = model.shape[0] > 3
+    tested, shot = model.shape[0] > 3, weights.shape[0] > 3
     spare = np.float32(max(frames.shape[0] - 3, 1))
     max_variance = limits.max_sigma_rad * limits.max_sigma_rad
     for block in prange((pixels + BLOCK - 1) // BLOCK):
         start = block * BLOCK
         count = min(BLOCK, pixels - start)
-        sums = np.empty((6, BLOCK), np.float32)
+        sums = np.zeros((6, BLOCK), np.float32)
         peak = np.empty(BLOCK, np.float32)
         rss = np.zeros(BLOCK, np.float32)
-        _weigh(frames, start, count, weights, sums)
-        _brightest(frames, start, count, peak)
+        if shot:
+            _three_sums(frames, start, count, weights[3:], sums[3:], peak)
+        _three_sums(frames, start, count, weights, sums, peak)
         if tested:
             _residuals(frames, start, count, model, sums, rss)
         a, c, s, vcc, vss, vcs = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
@@ -201,16 +203,14 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
                 c[i], s[i], vcc[i] + noise[0], vss[i] + noise[1], vcs[i] + noise[2], noise[3]
             )
             limit = max(limits.misfit_level, limits.misfit_share * b)
-            why = SATURATED if peak[i] >= limits.white_level else 0
-            why += DARK if a[i] < limits.dark_level else 0
-            why += LOW_MODULATION if b < limits.min_modulation or variance > max_variance else 0
-            why += 0 if abs(b) < np.inf else OUTSIDE
-            why += MISFIT if rss[i] > spare * limit * limit else 0
-            valid = why == 0
+            why = _flags(a[i], b, peak[i], limits)
+            why |= np.int32(LOW_MODULATION) if variance > max_variance else np.int32(0)
+            why |= np.int32(MISFIT) if rss[i] > spare * limit * limit else np.int32(0)
+            valid = why == np.int32(0)
             angle = _atan2(s[i], c[i])
             deviation = np.sqrt(variance)
             out_m[i] = b
             out_a[i] = a[i]
             out_r[i] = np.uint8(why)
-            out_p[i] = angle if valid else np.float32(np.nan)
-            out_u[i] = deviation if valid else np.float32(np.nan)
+            out_p[i] = angle if valid else _NAN
+            out_u[i] = deviation if valid else _NAN
