@@ -21,6 +21,7 @@ from fringecal.simulate import (
     truth_of,
     zigzag_px,
 )
+from fringecal.simulate.sessions import take
 from fringecal.targets import parse_target
 
 
@@ -126,6 +127,13 @@ class TestSession:
         for key in ("bars", "lit", "x", "y"):
             assert maps[key].shape == (120, 128)
         assert maps["bars"].max() == pytest.approx(40 / np.sqrt(2), abs=3.67)
+
+    def test_dirt_darkens_a_sheet_in_places(self, small):
+        clean = small.capture_named("grid")
+        dirty = clean.model_copy(update={"dirt": 30})
+        pictures = [take(small, capture).frames[0].astype(float) for capture in (clean, dirty)]
+        darker = pictures[0] - pictures[1] > 10
+        assert 10 < darker.sum() < 200
 
     def test_true_artefacts_may_differ_from_what_is_stated(self, small):
         taller = parse_target({"format": 1, "kind": "strips", "name": "s", "certificate": "t", "count": 1,

@@ -45,7 +45,12 @@ def simulate(
     if as_json:
         print_json(_report(spec, folder, session, truth, seed))
     else:
-        console.print(_table(spec, session, truth))
+        console.print(_table(spec, session))
+        console.print(
+            f"truth: scale {truth.scale_h:.5f} x {truth.scale_v:.5f} mm/px, "
+            f"projection angle {truth.angle_origin_deg:.3f} deg at the origin",
+            soft_wrap=True,
+        )
         console.print(f"session: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 
@@ -79,12 +84,8 @@ def _report(
     }
 
 
-def _table(spec: RigSpec, session: SimulatedSession, truth: Truth) -> Table:
-    caption = (
-        f"scale {truth.scale_h:.5f} x {truth.scale_v:.5f} mm/px, "
-        f"projection angle {truth.angle_origin_deg:.3f} deg at the origin"
-    )
-    table = Table(title=escape(f"virtual rig {spec.name}"), caption=caption)
+def _table(spec: RigSpec, session: SimulatedSession) -> Table:
+    table = Table(title=escape(f"virtual rig {spec.name}"))
     for heading in ("capture", "images", "highest mm", "lit %"):
         table.add_column(heading, justify="left" if heading == "capture" else "right")
     for name, frames in session.captures.items():

@@ -1,5 +1,9 @@
 """From a rig's list of captures to the scene that each of them shows."""
 
+from dataclasses import replace
+
+import numpy as np
+
 from fringecal.simulate.leaf import leaf_scene
 from fringecal.simulate.objects import scene_of
 from fringecal.simulate.rig import CaptureSpec, RigSpec
@@ -13,6 +17,8 @@ def capture_scene(rig: RigSpec, capture: CaptureSpec, target: Target | None) -> 
         scene = scene_of(target, field_mm=field_mm(rig))
     else:
         scene = leaf_scene() if capture.kind == "object" else plate()
+    if capture.dirt:
+        scene = replace(scene, pattern=replace(scene.pattern, specks=_specks(rig, capture.dirt)))
     angle_deg = capture.rotation_deg + (90.0 if capture.direction == "rows" else 0.0)
     return scene.placed(*capture.position_mm, angle_deg)
 
@@ -30,3 +36,10 @@ def field_mm(rig: RigSpec) -> tuple[float, float]:
     """Size of the picture on the plate along x and y."""
     scale = rig.camera.scale_mm_per_px
     return scale * rig.camera.width_px, scale * rig.camera.height_px
+
+
+def _specks(rig: RigSpec, n_specks: int) -> np.ndarray:
+    """Strew dirt over the field: x, y and radius in mm; it lies where the surface's seed puts it."""
+    half = np.array(field_mm(rig)) / 2
+    low, high = [-half[0], -half[1], 0.2], [half[0], half[1], 1.0]
+    return np.random.default_rng([rig.surface.seed, n_specks]).uniform(low, high, (n_specks, 3))

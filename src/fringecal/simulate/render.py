@@ -207,7 +207,7 @@ def _aperture(lattice: np.ndarray, blur_px: float) -> np.ndarray:
         return lattice - 0.5
     t = np.linspace(-0.5 - 5 * blur_px, 0.5 + 5 * blur_px, 4001)
     density = special.ndtr((t + 0.5) / blur_px) - special.ndtr((t - 0.5) / blur_px)
-    share = integrate.cumulative_trapezoid(density, t, initial=0.0)
+    share = integrate.cumulative_trapezoid(density, t, initial=0)
     return np.interp(lattice, share / share[-1], t)
 
 
