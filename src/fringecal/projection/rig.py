@@ -12,6 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera.plate import Rays
+from fringecal.projection import kernels
 
 Array = NDArray[np.float64]
 
@@ -34,13 +35,20 @@ class PlateResidual:
 
     def __call__(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
         """Return the residual phase in rad at plate points."""
-        s, t = self._unit(np.asarray(x_mm, float), np.asarray(y_mm, float))
-        if not np.any(self.coefficients):
-            return np.zeros_like(s)
+        x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
+        out = np.zeros(x.shape)
+        if np.any(self.coefficients):
+            flat = (np.ascontiguousarray(c).ravel() for c in (x, y))
+            kernels.residual_at(*flat, self.grid, np.array(self.box), out.reshape(-1))
+        return out
+
+    @property
+    def grid(self) -> Array:
+        """Coefficients by degree along x and along y, shape (degree + 1, degree + 1)."""
         grid = np.zeros((self.degree + 1,) * 2)
-        for value, (i, j) in zip(self.coefficients, self.terms(), strict=True):
+        for value, (i, j) in zip(self.coefficients, self.terms(), strict=False):
             grid[i, j] = value
-        return chebyshev.chebval2d(s, t, grid)
+        return grid
 
     def terms(self) -> list[tuple[int, int]]:
         """Return the exponent pairs of the polynomial, in the order of the coefficients."""
@@ -101,20 +109,19 @@ class RigModel:
 
         NaN where the phase is NaN, and where a ray runs along a plane of equal phase.
         """
-        z = self._height_of_ratio(phase_rad - self.residual(rays.ax, rays.ay), rays)
-        if np.any(self.residual.coefficients):
-            for _ in range(_LIFT_ROUNDS):
-                x, y = rays.at(z)
-                foot = self.foot(x, y, z)
-                z = self._height_of_ratio(phase_rad - self.residual(*foot), rays)
-        return z
-
-    def _height_of_ratio(self, phase_rad: Array, rays: Rays) -> Array:
-        nx, ny, nz, n0, dx, dy, dz = self.parameters
-        numerator = phase_rad * (dx * rays.ax + dy * rays.ay + 1) - (nx * rays.ax + ny * rays.ay + n0)
-        slope = (nx * rays.bx + ny * rays.by + nz) - phase_rad * (dx * rays.bx + dy * rays.by + dz)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(np.abs(slope) > 0, numerator / slope, np.nan)
+        maps = np.broadcast_arrays(np.asarray(phase_rad, float), rays.ax, rays.ay, rays.bx, rays.by)
+        out = np.empty(maps[0].shape)
+        rounds = _LIFT_ROUNDS if np.any(self.residual.coefficients) else 0
+        kernels.height_at(
+            *(np.ascontiguousarray(m).ravel() for m in maps),
+            self.parameters,
+            self.projector_mm,
+            self.residual.grid,
+            np.array(self.residual.box),
+            rounds,
+            out.reshape(-1),
+        )
+        return out
 
     def gradient(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike = 0.0) -> tuple[Array, Array, Array]:
         """Return (dphi/dx, dphi/dy, dphi/dz) in rad/mm, the residual's share included."""

@@ -112,11 +112,10 @@ def absolute_phase(
     step = np.angle(np.exp(1j * (phase_map.phase - plate)))
     valid = phase_map.valid & np.isfinite(plate)
     unwrapped = unwrap_regions(step, valid)
-    gx, gy, gz = calibration.model.gradient(rays.ax, rays.ay, 0.0)
     pieces = decide_pieces(
         unwrapped.phase,
         unwrapped.pieces,
-        height_per_rad=1 / (gz + gx * rays.bx + gy * rays.by),
+        height_per_rad=None if height_range_mm is None else _height_per_rad(calibration, rays),
         height_range_mm=height_range_mm,
     )
     reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
@@ -124,6 +123,11 @@ def absolute_phase(
     reasons[(reasons == 0) & ~np.isfinite(pieces.step_rad)] |= int(Reason.ORDER_UNDECIDED)
     sigma = np.hypot(phase_map.sigma.astype(float), calibration.excess_rad)
     return ObjectPhase(pieces.step_rad + plate, sigma, reasons, len(pieces.undecided))
+
+
+def _height_per_rad(calibration: RigCalibration, rays: Rays) -> Array:
+    gx, gy, gz = calibration.model.gradient(rays.ax, rays.ay, 0.0)
+    return 1 / (gz + gx * rays.bx + gy * rays.by)
 
 
 def reconstruct_height(

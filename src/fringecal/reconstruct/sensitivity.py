@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 _NODES = 13  # lattice nodes along each picture axis
 _DEGREE = 7  # of the polynomial along each picture axis
-_HEIGHTS = 4  # height levels, and one more than the degree in z
+_HEIGHTS = 6  # height levels, and one more than the degree in z
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Sensitivities:
         Names of the K causes; a name may stand more than once (independent parts of one cause).
     coefficients
         Chebyshev coefficients, shape (K, degrees in z, degrees in v, degrees in u).
+    variance_coefficients
+        The same for the sum of all squares, shape (degrees in z, degrees in v, degrees in u).
     shape
         Image shape (rows, columns).
     z_range_mm
@@ -40,6 +42,7 @@ class Sensitivities:
 
     causes: tuple[str, ...]
     coefficients: Array
+    variance_coefficients: Array
     shape: tuple[int, int]
     z_range_mm: tuple[float, float]
 
@@ -50,17 +53,20 @@ class Sensitivities:
 
     def map(self, cause: int, z_mm: Array) -> Array:
         """Return the map of one cause, by its number."""
-        along_v, along_u = self._bases()
-        levels = np.stack([along_v @ c @ along_u.T for c in self.coefficients[cause]])
-        return chebyshev.chebval(self._unit_height(z_mm), levels, tensor=False)
+        return self._evaluated(self.coefficients[cause], z_mm)
 
     def variance(self, z_mm: ArrayLike) -> Array:
         """Return the systematic variance of z in mm^2 as a map."""
-        z = np.asarray(z_mm, float)
-        total = np.zeros(self.shape)
-        for k in range(len(self.causes)):
-            total += self.map(k, z) ** 2
-        return total
+        return np.maximum(self._evaluated(self.variance_coefficients, np.asarray(z_mm, float)), 0.0)
+
+    def _evaluated(self, coefficients: Array, z_mm: Array) -> Array:
+        along_v, along_u = self._bases()
+        height = self._unit_height(z_mm)
+        value, slope = np.zeros(self.shape), np.zeros(self.shape)
+        # Clenshaw's recurrence over the degrees in z, one map at a time.
+        for level in coefficients[:0:-1]:
+            value, slope = along_v @ level @ along_u.T + 2 * height * value - slope, value
+        return along_v @ coefficients[0] @ along_u.T + height * value - slope
 
     def _unit_height(self, z: Array) -> Array:
         low, high = self.z_range_mm
@@ -92,16 +98,21 @@ def height_sensitivities(
     v, u = (np.rint((1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) / 2 * (n - 1)) for n in shape)
     uu, vv = np.meshgrid(u, v)
     rays = calibration.camera.rays(uu, vv)
-    levels = middle + half * np.cos(np.pi * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS)
-    changes = [_changes(calibration, model, z, uu, vv, rays) for z in levels]
-    samples = np.stack(changes, axis=1)
-    coefficients = _fitted(samples, (levels - middle) / half, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
-    causes = tuple(mode.label for mode in calibration.modes)
-    return Sensitivities(causes, coefficients, shape, (middle - half, middle + half))
+    unit = np.cos(np.pi * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS)
+    samples = _changes(calibration, model, middle + half * unit, uu, vv, rays)
+    places = (unit, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
+    return Sensitivities(
+        causes=tuple(mode.label for mode in calibration.modes),
+        coefficients=_fitted(samples, *places),
+        variance_coefficients=_fitted(np.sum(samples**2, axis=0, keepdims=True), *places)[0],
+        shape=shape,
+        z_range_mm=(middle - half, middle + half),
+    )
 
 
-def _changes(calibration: RigCalibration, model: str, z: float, u: Array, v: Array, rays: Rays) -> Array:
-    """Change of z at one height level by every mode, shape (K, nodes, nodes)."""
+def _changes(calibration: RigCalibration, model: str, z_mm: Array, u: Array, v: Array, rays: Rays) -> Array:
+    """Change of z by every mode at all heights, shape (K, heights, nodes, nodes)."""
+    z = np.broadcast_to(z_mm[:, None, None], (z_mm.size, *u.shape))
     x, y = rays.at(z)
     phase = calibration.model.phase(x, y, z)
     base = height_model(calibration, model).height(phase, rays)
@@ -110,7 +121,7 @@ def _changes(calibration: RigCalibration, model: str, z: float, u: Array, v: Arr
         moved = calibration.shifted(mode)
         change = height_model(moved, model).height(phase, moved.camera.rays(u, v)) - base
         rows.append(np.where(np.isfinite(change), change, 0.0))
-    return np.stack(rows) if rows else np.zeros((0, *u.shape))
+    return np.stack(rows) if rows else np.zeros((0, *z.shape))
 
 
 def _fitted(samples: Array, s: Array, v: Array, u: Array) -> Array:
