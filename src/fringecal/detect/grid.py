@@ -203,8 +203,7 @@ def _family_lines(pencil: Pencil, found: Refined, family: int) -> list[GridLine]
     sets += [stub_points(pencil, found, family, way) for way in (1, -1)]
     line = np.concatenate([edges.line[points.edge] for edges, points in sets])
     columns = [
-        np.concatenate([getattr(points, name) for _, points in sets])
-        for name in ("u_px", "v_px", "sigma_px", "status")
+        np.concatenate([getattr(points, name) for _, points in sets]) for name in ("u_px", "v_px", "sigma_px", "status")
     ]
     order = np.lexsort((columns[family], line))
     bounds = np.searchsorted(line[order], np.arange(found.nodes.shape[family] + 1))

@@ -125,9 +125,7 @@ def _brightness(grey: npt.NDArray[np.float32], at: FloatArray) -> float:
     return float(np.median(_sampled(grey, known[pick][None])))
 
 
-def refuse_other_patterns(
-    grey: npt.NDArray[np.float32], nodes: FloatArray, profile: LineProfile, sign: int
-) -> None:
+def refuse_other_patterns(grey: npt.NDArray[np.float32], nodes: FloatArray, profile: LineProfile, sign: int) -> None:
     """Refuse chessboards and dots: between their extrema the 'line' is too wide, or pinched in the middle.
 
     Raises

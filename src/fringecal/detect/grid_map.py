@@ -46,13 +46,14 @@ class SmoothMap:
         return np.stack([legendre.legval2d(y, x, c) for c in self.coefficients], axis=-1)
 
     def step(self, row: IndexArray, column: IndexArray, family: int) -> FloatArray:
-        """Return the derivative (..., 2), px per index, along the lines of a family (0 horizontal, 1 vertical)."""
+        """Return the derivative (..., 2), px per index, along a family's lines (0 horizontal, 1 vertical)."""
         dr, dc = (0.0, STEP_INDEX) if family == 0 else (STEP_INDEX, 0.0)
         return (self(row + dr, column + dc) - self(row - dr, column - dc)) / (2 * STEP_INDEX)
 
     def basis(self, row: IndexArray, column: IndexArray, degree: int) -> FloatArray:
         """Values (n, (degree + 1)^2) of all products of Legendre polynomials at the indices."""
-        return legendre.legvander2d(*self._unit(row, column), [degree, degree])
+        values: FloatArray = legendre.legvander2d(*self._unit(row, column), [degree, degree])
+        return values
 
     def _unit(self, row: IndexArray, column: IndexArray) -> tuple[FloatArray, FloatArray]:
         return (row - self.middle[0]) / self.half[0], (column - self.middle[1]) / self.half[1]

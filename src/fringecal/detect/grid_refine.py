@@ -127,9 +127,7 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
 def _measured(pencil: Pencil, edges: Edges, tolerance_px: float) -> LinePoints:
     """Points on all edges of a family."""
     patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile)
-    return _drop_faint(
-        measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px)
-    )
+    return _drop_faint(measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px))
 
 
 def _local_lines(

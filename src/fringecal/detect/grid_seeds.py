@@ -83,9 +83,7 @@ def _extrema(level: npt.NDArray[np.float32], sign: int) -> npt.NDArray[np.float6
     peak[[0, -1], :] = False
     peak[:, [0, -1]] = False
     row, column = np.nonzero(peak)
-    return np.stack(
-        [column + _parabola(band, row, column, 0, 1), row + _parabola(band, row, column, 1, 0)], axis=1
-    )
+    return np.stack([column + _parabola(band, row, column, 0, 1), row + _parabola(band, row, column, 1, 0)], axis=1)
 
 
 def _parabola(

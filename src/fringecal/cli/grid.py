@@ -1,0 +1,203 @@
+"""`fringecal grid`: the lines of a grid picture, the scale they give, and whether the lens bends them."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pandas as pd
+import typer
+from rich.table import Table
+
+from fringecal.camera.distortion import DistortionTest, examine_distortion
+from fringecal.camera.scale import ThesisScale, thesis_scale
+from fringecal.camera.straightness import family_rms_px
+from fringecal.cli.console import console, print_json
+from fringecal.detect.grid import FAMILIES, GridDetection, Polarity, find_grid
+from fringecal.errors import SessionError, TargetError
+from fringecal.records.files import replacing, write_table
+from fringecal.report.figures_grid import distortion_quiver, grid_overlay
+from fringecal.session.faults import PictureError
+from fringecal.session.frames import read_bytes
+from fringecal.session.picture import decode, to_grey
+from fringecal.targets import LineGrid, load_target
+from fringecal.uncertainty.estimates import Estimate
+
+HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
+
+IMAGE is one picture of a ruled grid. With --target (a shipped name or a file) distances come in mm.
+
+Example: fringecal grid bench/2026-11-22/grid.png --target grid-10mm --out grid-check
+"""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="grid", help=HELP)(grid)
+
+
+def grid(
+    image: Path = typer.Argument(..., help="Picture of the grid.", show_default=False),
+    target: str | None = typer.Option(None, "--target", help="Line grid: a shipped name or a TOML file."),
+    polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines."),
+    centre: str = typer.Option("image", "--centre", help="Centre of distortion: image or free."),
+    out: Path | None = typer.Option(None, "--out", help="Folder for tables (CSV) and figures (PNG)."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-grid/1)."),
+) -> None:
+    """Load, detect, save, print."""
+    picture = _read(image)
+    paper = None if target is None else _line_grid(target)
+    detection = find_grid(picture, polarity=_polarity(polarity))
+    scale = None if paper is None else thesis_scale(detection, _pitch(paper))
+    test = examine_distortion(detection, centre=_centre(centre))
+    files = _save(picture, detection, scale, test, out) if out else []
+    document = _document(image, detection, scale, test) | {"files": files}
+    if as_json:
+        print_json(document)
+    else:
+        _show(document, scale)
+
+
+def _polarity(text: str) -> Polarity:
+    if text in ("auto", "dark", "light"):
+        return text  # type: ignore[return-value]
+    raise typer.BadParameter(f"{text!r} is none of auto, dark, light", param_hint="--polarity")
+
+
+def _centre(text: str) -> Literal["image", "free"]:
+    if text in ("image", "free"):
+        return text  # type: ignore[return-value]
+    raise typer.BadParameter(f"{text!r} is neither image nor free", param_hint="--centre")
+
+
+def _read(path: Path) -> np.ndarray:
+    """Read one picture as grey."""
+    try:
+        picture = decode(read_bytes(path))
+        return to_grey(picture.pixels, "luma" if picture.pixels.ndim == 3 else None, 2**picture.bits - 1)
+    except PictureError as error:
+        raise SessionError([f"{path}: {error}"]) from error
+
+
+def _line_grid(name: str) -> LineGrid:
+    """Load the target, which must be a line grid."""
+    target = load_target(name)
+    if not isinstance(target, LineGrid):
+        raise TargetError(f"{name}: a {target.kind} is no line grid; name a target of kind line-grid")
+    return target
+
+
+def _pitch(paper: LineGrid) -> Estimate:
+    return Estimate(paper.pitch_mm.values[0], paper.pitch_mm.us[0], "mm", "pitch")
+
+
+def _tables(scale: ThesisScale | None, test: DistortionTest) -> dict[str, pd.DataFrame]:
+    """Name every table as its file."""
+    tables = {"straightness-before": test.straightness_before, "straightness-after": test.straightness_after}
+    if scale is not None:
+        tables |= {
+            "distances-vertical-lines": scale.vertical_lines,
+            "distances-horizontal-lines": scale.horizontal_lines,
+            "errors-horizontal": scale.horizontal_errors,
+            "errors-vertical": scale.vertical_errors,
+        }
+    return tables
+
+
+def _save(
+    picture: np.ndarray,
+    detection: GridDetection,
+    scale: ThesisScale | None,
+    test: DistortionTest,
+    folder: Path,
+) -> list[str]:
+    """Write tables and figures, each whole or not at all."""
+    files = []
+    for name, table in _tables(scale, test).items():
+        write_table(folder / f"{name}.csv", table)
+        files.append(str(folder / f"{name}.csv"))
+    figures = {
+        "lines": grid_overlay(picture, detection),
+        "distortion": distortion_quiver(test, detection.shape),
+    }
+    for name, figure in figures.items():
+        with replacing(folder / f"{name}.png") as path:
+            figure.savefig(path, dpi=150)
+        files.append(str(folder / f"{name}.png"))
+    return files
+
+
+def _document(image: Path, detection: GridDetection, scale: ThesisScale | None, test: DistortionTest) -> dict[str, Any]:
+    """Put everything into plain numbers."""
+    document: dict[str, Any] = {
+        "format": "fringecal-grid/1",
+        "image": str(image),
+        "polarity": detection.polarity,
+        "lines": {family: len(detection.family(family)) for family in FAMILIES},
+        "crossings": len(detection.row),
+        "u_crossing_px": float(np.median(detection.sigma_px)),
+        "line_width_px": detection.profile.width_px,
+        "blur_px": detection.profile.blur_px,
+        "distortion": {
+            "verdict": test.verdict,
+            "max_px": {"value": test.max_px.value, "u": test.max_px.u},
+            "detection_limit_px": test.detection_limit_px,
+            "p_value": test.p_value,
+            "centre_px": list(test.lens.centre_px),
+            "coefficients": {name: {"value": e.value, "u": e.u} for name, e in test.coefficients.items()},
+            "half_diagonal_px": test.lens.half_diagonal_px,
+        },
+        "straightness_rms_px": {
+            when: {family: family_rms_px(table, family) for family in FAMILIES}
+            for when, table in (("before", test.straightness_before), ("after", test.straightness_after))
+        },
+    }
+    if scale is not None:
+        document["scale"] = {
+            name: {"value": e.value, "u": e.u, "dof": e.dof if np.isfinite(e.dof) else None, "unit": e.unit}
+            for name, e in (
+                ("horizontal", scale.horizontal),
+                ("vertical", scale.vertical),
+                ("mean", scale.mean),
+            )
+        }
+        document["largest_error_percent"] = scale.largest_error_percent
+    return document
+
+
+def _show(document: dict[str, Any], scale: ThesisScale | None) -> None:
+    """Print tables for people."""
+    lines, test = document["lines"], document["distortion"]
+    _say(
+        f"{lines['horizontal']} horizontal and {lines['vertical']} vertical lines, {document['polarity']}, "
+        f"{document['line_width_px']:.1f} px wide; {document['crossings']} crossings, "
+        f"u = {document['u_crossing_px']:.3f} px each"
+    )
+    if scale is not None:
+        console.print(_scale_table(document))
+        _say(f"largest error of a distance from the mean factor: {scale.largest_error_percent:+.2f} %")
+    else:
+        _say("no scale: name the grid with --target")
+    largest = test["max_px"]
+    _say(
+        f"distortion: {test['verdict']}; {largest['value']:+.3f} px (u = {largest['u']:.3f}) at the outermost "
+        f"crossing, p = {test['p_value']:.2g}, detection limit {test['detection_limit_px']:.3f} px"
+    )
+    rms = document["straightness_rms_px"]
+    for family in FAMILIES:
+        before, after = rms["before"][family], rms["after"][family]
+        _say(f"straightness of the {family} lines: rms {before:.3f} px, {after:.3f} px with the lens taken out")
+    if document["files"]:
+        _say("wrote " + ", ".join(document["files"]))
+
+
+def _scale_table(document: dict[str, Any]) -> Table:
+    table = Table(title="Scaling factor from distances between lines; u is a standard uncertainty")
+    for heading in ("direction", "factor / mm/px", "u", "relative"):
+        table.add_column(heading, justify="left" if heading == "direction" else "right")
+    for name, one in document["scale"].items():
+        table.add_row(name, f"{one['value']:.6f}", f"{one['u']:.6f}", f"{100 * one['u'] / one['value']:.3f} %")
+    return table
+
+
+def _say(sentence: str) -> None:
+    console.print(sentence, markup=False, highlight=False, soft_wrap=True)
