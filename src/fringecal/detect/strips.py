@@ -1,23 +1,30 @@
 """Find parallel strips in a picture from the phase they add: which pixels are strip top, which are plate.
 
-The strips' count, width and spacing in pixels are known from the target and the scale; their direction and
-place are found. Everything here is in pixels.
+The strips' number, widths, gaps and length in pixels are known from the target and the scale; their direction
+and place are found. The plate is where the phase did not change; a strip is where it did, by whatever amount.
+Everything here is in pixels.
 """
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy import ndimage, signal
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
+from fringecal.detect.strip_comb import Comb, Pixels, find_comb, find_ends, refined_edges
 from fringecal.errors import DetectionError
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 PLATE, EDGE = 0, -1
-_FINE_STEP_DEG = 0.1
-_MIN_CONTRAST = 0.12  # mean difference of cos(step) between gaps and strips below which nothing is there
+_SEARCH_WIDTH_PX = 9.0  # pictures are reduced until a strip or gap is about so wide ...
+_REFINE_WIDTH_PX = 36.0  # ... and so wide where edges are measured
+_SIZE_TOLERANCE = 0.15  # of a strip's width, besides two px, before the target is called wrong
+_SEEN_CONTRAST = 0.35  # a strip with less of the others' contrast is not there, or shows a whole fringe
+_LEAST_PLATE = 0.45  # share of plate pixels in the gaps that must agree with the reference
+_LEAST_PIXELS = 400
 
 
 @dataclass(frozen=True)
@@ -48,13 +55,15 @@ class StripRegions:
 
 
 def find_strips(
-    step_rad: Array,
-    valid: NDArray[np.bool_],
+    step_rad: ArrayLike,
+    valid: ArrayLike,
     *,
     count: int,
-    width_px: float,
-    gap_px: float,
+    width_px: ArrayLike,
+    gap_px: ArrayLike,
+    length_px: float = math.inf,
     margin_px: float = 2.0,
+    straight_px: tuple[Array, Array] | None = None,
 ) -> StripRegions:
     """Find `count` strips from the wrapped phase difference strips minus plate.
 
@@ -64,169 +73,204 @@ def find_strips(
         Phase of the strips' picture minus phase of the bare plate, any multiple of 2 pi, shape (H, W).
     valid
         Pixels where both phases are trustworthy.
-    count, width_px, gap_px
-        The strips' number, width and gap.
+    count, width_px, gap_px, length_px
+        The strips' number, widths (one, or one each), gaps (one, or one less than strips) and length.
     margin_px
         Half-width of the zone at each edge that is given to neither side, besides a tenth of the width.
+    straight_px
+        Maps of the coordinates (u, v) in which strips are straight, where a lens or a tilt bends them in the
+        picture; by default the pixels' own.
 
     Raises
     ------
     DetectionError
         No pattern of strips: nothing on the plate, other strips, or a phase step of a whole fringe.
     """
-    field = np.where(valid, np.exp(1j * np.where(valid, step_rad, 0.0)), 0)
-    edges = _edge_strength(field, valid)
-    direction = _direction_across(edges)
-    direction, profile, start = _refine_direction(edges, direction)
-    place, pitch = _place_comb(profile, count, width_px, gap_px, start, field, valid, direction)
-    across = _across(field.shape, direction)
-    bounds = place + np.arange(count)[:, None] * pitch + np.array([0.0, width_px * pitch / (width_px + gap_px)])
-    bounds = _refine_edges(profile, start, bounds, reach=0.25 * min(width_px, gap_px))
-    labels = _label(across, bounds, valid, margin_px, width_px)
-    return StripRegions(labels, (math.degrees(direction) + 90.0) % 180.0, across, bounds)
-
-
-def _edge_strength(field: NDArray[np.complex128], valid: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Change of the complex phase step along u and v, each limited so that no stripe of noise rules."""
-    smooth = ndimage.uniform_filter(field.real, 3) + 1j * ndimage.uniform_filter(field.imag, 3)
-    inside = ndimage.binary_erosion(valid, iterations=1) | ~valid
-    du = np.zeros(field.shape)
-    dv = np.zeros(field.shape)
-    du[:, 1:-1] = np.abs(smooth[:, 2:] - smooth[:, :-2])
-    dv[1:-1, :] = np.abs(smooth[2:, :] - smooth[:-2, :])
-    return np.minimum(du, 1.0) * inside, np.minimum(dv, 1.0) * inside
-
-
-def _direction_across(edges: tuple[Array, Array]) -> float:
-    """Angle from +u of the direction across the strips, from the structure tensor of the strong edges."""
-    du, dv = edges
-    magnitude = np.hypot(du, dv)
-    strong = magnitude > max(0.3, float(np.quantile(magnitude, 0.9)))
-    if np.count_nonzero(strong) < 50:
-        raise DetectionError(
-            "No strips were found: the phase over the strips does not differ from that of the bare plate. Check "
-            "that the strips' picture and the reference are not the same, and that fringes cross the strips."
+    step, usable = _checked(step_rad, valid)
+    layout = strip_layout(count, width_px, gap_px)
+    u, v = _coordinates(step.shape) if straight_px is None else straight_px
+    least = float(min(np.diff(layout, axis=1).min(), *(layout[1:, 0] - layout[:-1, 1]), math.inf))
+    coarse = _plate_likeness(step, usable, u, v, max(1, int(least / _SEARCH_WIDTH_PX)))
+    comb = find_comb(coarse, layout, least)
+    fine = _plate_likeness(step, usable, u, v, max(1, int(least / _REFINE_WIDTH_PX)))
+    edges = refined_edges(fine, comb, 0.3 * least)
+    seen = _seen(fine, comb, edges, layout)
+    across = u * math.cos(comb.direction_rad) + v * math.sin(comb.direction_rad)
+    along = v * math.cos(comb.direction_rad) - u * math.sin(comb.direction_rad)
+    labels = np.zeros(step.shape, dtype=np.int16)
+    for number in np.flatnonzero(seen):
+        low, high = edges[number]
+        margin = min(margin_px + 0.1 * (high - low), 0.35 * (high - low))
+        first, last = find_ends(fine, comb, (low, high), length_px)
+        near = (
+            (across > low - margin)
+            & (across < high + margin)
+            & (along > first - margin)
+            & (along < last + margin)
         )
-    # |change| along u and v has lost the sign: the larger one names rows or columns, the fine search the rest.
-    along_u, along_v = float(np.sum(du[strong] ** 2)), float(np.sum(dv[strong] ** 2))
-    return 0.0 if along_u >= along_v else math.pi / 2
+        inside = (across > low + margin) & (across < high - margin)
+        inside &= (along > first + margin) & (along < last - margin)
+        labels[near] = EDGE
+        labels[inside] = number + 1
+    labels[~usable] = EDGE
+    return StripRegions(labels, (math.degrees(comb.direction_rad) + 90.0) % 180.0, across, edges)
 
 
-def _across(shape: tuple[int, ...], direction: float) -> Array:
-    v, u = np.mgrid[: shape[0], : shape[1]]
-    return u * math.cos(direction) + v * math.sin(direction)
+def strip_layout(count: int, width_px: ArrayLike, gap_px: ArrayLike) -> Array:
+    """Return lower and upper edge of each strip, the first at 0, shape (count, 2).
 
-
-def _profile(edges: tuple[Array, Array], direction: float) -> tuple[Array, float]:
-    """Mean edge strength over lines along the strips, at every half pixel across them."""
-    strength = edges[0] if abs(math.cos(direction)) > abs(math.sin(direction)) else edges[1]
-    across = _across(strength.shape, direction)
-    start = float(across.min())
-    index = np.round((across - start) * 2).astype(np.intp).ravel()
-    total = np.bincount(index, weights=strength.ravel())
-    number = np.bincount(index)
-    profile = np.where(number > 20, total / np.maximum(number, 1), 0.0)
-    return ndimage.gaussian_filter1d(profile, 1.5), start
-
-
-def _refine_direction(edges: tuple[Array, Array], coarse: float) -> tuple[float, Array, float]:
-    """Turn until the profile of edge strength is sharpest; any angle within 45 deg of rows or columns."""
-
-    def sharpness(angle: float) -> float:
-        return float(np.var(_profile(edges, angle)[0]))
-
-    best = coarse
-    for half_range, step in ((44.0, 2.0), (2.0, 0.5), (0.5, _FINE_STEP_DEG)):
-        angles = best + np.radians(np.arange(-half_range, half_range + step / 2, step))
-        best = float(max(angles, key=sharpness))
-    profile, start = _profile(edges, best)
-    return best, profile, start
-
-
-def _place_comb(  # noqa: PLR0913, PLR0917 -- private: one search over what was measured above
-    profile: Array,
-    count: int,
-    width_px: float,
-    gap_px: float,
-    start: float,
-    field: NDArray[np.complex128],
-    valid: NDArray[np.bool_],
-    direction: float,
-) -> tuple[float, float]:
-    """Slide a comb of strips over the picture until gaps look like plate and strips do not."""
-    across = _across(field.shape, direction)
-    index = np.round((across - start) * 2).astype(np.intp)[valid]
-    size = profile.size
-    number = np.maximum(np.bincount(index, minlength=size), 1)
-    # The step drifts along a strip, so cos(step) alone may average out: its mean magnitude is what differs.
-    likeness = np.bincount(index, weights=field.real[valid], minlength=size) / number
-    best = (-np.inf, 0.0, 0.0)
-    period = width_px + gap_px
-    for pitch in np.linspace(0.97, 1.03, 25) * period:
-        score, place = _best_place(profile, likeness, count, pitch, width_px / period)
-        if score > best[0]:
-            best = (score, place, pitch)
-    contrast = _contrast(likeness, count, best[2] * 2, width_px / period, best[1])
-    if contrast < _MIN_CONTRAST:
+    Raises
+    ------
+    DetectionError
+        Strips or gaps without extent, or too narrow to be seen.
+    """
+    widths = np.broadcast_to(np.asarray(width_px, float), (count,))
+    gaps = np.broadcast_to(np.asarray(gap_px, float), (max(count - 1, 0),))
+    starts = np.concatenate([[0.0], np.cumsum(widths[:-1] + gaps)])
+    layout = np.column_stack([starts, starts + widths])
+    if not np.isfinite(layout).all() or min(widths.min(), gaps.min(initial=np.inf)) < 4:
         raise DetectionError(
-            f"{count} strips of {width_px:.1f} px width and {gap_px:.1f} px gaps do not show in the phase "
-            f"(contrast {contrast:.2f}, at least {_MIN_CONTRAST} needed): wrong target, other strips, fringes that "
-            "do not cross the strips, or a phase step of just a whole fringe."
+            f"strips of {widths.min():.1f} px and gaps of {gaps.min(initial=math.inf):.1f} px cannot be told apart: at "
+            "least 4 px each are needed. Use wider strips, or a camera nearer to the plate."
         )
-    return best[1] / 2 + start, best[2]
+    return layout
 
 
-def _best_place(profile: Array, likeness: Array, count: int, pitch: float, share: float) -> tuple[float, float]:
-    """Best score of comb places for one pitch (in px), in half-pixel bins."""
-    starts = (np.arange(count)[:, None] * pitch + np.array([0.0, share * pitch])).ravel() * 2
-    length = int(starts[-1]) + 1
-    comb = np.zeros(length + 1)
-    comb[np.round(starts).astype(int)] = 1.0
-    inside = np.zeros(length + 1)
-    for low, high in starts.reshape(-1, 2):
-        inside[int(low) : int(high)] = 1.0
-    pad = length // 2
-    edge_score = signal.correlate(np.pad(profile, pad), comb, mode="valid") / starts.size
-    sum_in = signal.correlate(np.pad(likeness, pad), inside, mode="valid")
-    known = np.pad((likeness != 0).astype(float), pad)
-    number_in = np.maximum(signal.correlate(known, inside, mode="valid"), 1)
-    number_out = np.maximum(known.sum() - number_in, 1)
-    contrast = (likeness.sum() - sum_in) / number_out - sum_in / number_in
-    score = edge_score / max(float(profile.max()), 1e-9) + contrast
-    place = int(np.argmax(score))
-    return float(score[place]), float(place - pad)
+def _checked(step_rad: ArrayLike, valid: ArrayLike) -> tuple[Array, Mask]:
+    step, usable = np.asarray(step_rad, float), np.asarray(valid, bool)
+    if step.ndim != 2 or step.shape != usable.shape:
+        raise DetectionError(f"phase step {step.shape} and mask {usable.shape} must be maps of one shape")
+    usable = usable & np.isfinite(step)
+    if np.count_nonzero(usable) < _LEAST_PIXELS:
+        raise DetectionError(
+            f"only {np.count_nonzero(usable)} pixels carry a phase both with and without strips: more light is needed"
+        )
+    return np.where(usable, step, 0.0), usable
 
 
-def _contrast(likeness: Array, count: int, pitch_bins: float, share: float, place: float) -> float:
-    position = (np.arange(likeness.size) - place) / pitch_bins
-    inside = (position >= 0) & (position < count) & (position % 1 < share) & (likeness != 0)
-    outside = ~((position >= 0) & (position < count) & (position % 1 < share)) & (likeness != 0)
-    if not inside.any() or not outside.any():
-        return 0.0
-    return float(likeness[outside].mean() - likeness[inside].mean())
+def _coordinates(shape: tuple[int, ...]) -> tuple[Array, Array]:
+    v, u = np.mgrid[: shape[0], : shape[1]].astype(float)
+    return u, v
 
 
-def _refine_edges(profile: Array, start: float, bounds: Array, *, reach: float) -> Array:
-    """Move each edge to the centroid of its peak; edges without a peak stay where the comb puts them."""
-    refined = bounds.copy()
-    floor = float(np.median(profile))
-    for index, edge in np.ndenumerate(bounds):
-        centre = (edge - start) * 2
-        low, high = int(max(0, centre - 2 * reach)), int(min(profile.size, centre + 2 * reach + 1))
-        weights = np.clip(profile[low:high] - floor, 0, None)
-        if weights.size and weights.max() > 0.1 * max(float(profile.max()) - floor, 1e-9):
-            weights = np.where(weights > 0.3 * weights.max(), weights, 0)
-            refined[index] = start + float(np.sum(np.arange(low, high) * weights) / weights.sum()) / 2
-    return refined
+def _plate_likeness(step: Array, usable: Mask, u: Array, v: Array, factor: int) -> Pixels:
+    """Tell for blocks of `factor` px how well the phase there agrees with the bare plate, from 0 to 1.
+
+    On a strip the step may be anything, even a whole fringe along some line, so only its absence is judged: over
+    the noise, and over what the plate as a whole has drifted.
+    """
+    field = _reduced(np.where(usable, np.exp(1j * step), 0), factor)
+    share = _reduced(usable.astype(float), factor)
+    known = share > 0.6
+    if factor == 1:
+        size = (3, 3)
+        field = ndimage.uniform_filter(field.real, size) + 1j * ndimage.uniform_filter(field.imag, size)
+    angle = np.angle(field)
+    tolerance = float(np.clip(5 * _noise(angle, known) + 0.06, 0.12, 0.9))
+    angle = np.angle(field * np.exp(-1j * _drift(angle[known], tolerance)))
+    likeness = np.clip(2 - np.abs(angle) / tolerance, 0, 1)
+    at = np.nonzero(known)
+    return Pixels(_reduced(u, factor)[at], _reduced(v, factor)[at], likeness[at])
 
 
-def _label(
-    across: Array, bounds: Array, valid: NDArray[np.bool_], margin_px: float, width_px: float
-) -> NDArray[np.int16]:
-    margin = margin_px + 0.1 * width_px
-    labels = np.zeros(across.shape, dtype=np.int16)
-    for number, (low, high) in enumerate(bounds, start=1):
-        labels[(across > low - margin) & (across < high + margin)] = EDGE
-        labels[(across > low + margin) & (across < high - margin)] = number
-    labels[~valid] = EDGE
-    return labels
+def _reduced(picture: NDArray, factor: int) -> NDArray:
+    """Mean over blocks of factor x factor px; what is left over at the far sides is dropped."""
+    if factor == 1:
+        return picture
+    height, width = (n // factor * factor for n in picture.shape)
+    blocks = picture[:height, :width].reshape(height // factor, factor, width // factor, factor)
+    return blocks.mean(axis=(1, 3))
+
+
+def _noise(angle: Array, known: Mask) -> float:
+    """Scatter of the smoothed step, from differences of neighbours three apart: edges are few."""
+    difference = np.angle(np.exp(1j * (angle[:, 3:] - angle[:, :-3])))
+    both = known[:, 3:] & known[:, :-3]
+    return 1.4826 * float(np.median(np.abs(difference[both]))) / math.sqrt(2) if both.any() else 0.0
+
+
+def _drift(angle: Array, tolerance: float) -> float:
+    """Common phase shift of the plate between the captures, if it is small."""
+    centre = 0.0
+    for _ in range(4):
+        left = np.angle(np.exp(1j * (angle - centre)))
+        near = np.abs(left) < 1.5 * tolerance
+        if not near.any():
+            return 0.0
+        centre += float(np.mean(left[near]))
+    return centre if abs(centre) < 2 * tolerance else 0.0
+
+
+def _seen(pixels: Pixels, comb: Comb, edges: Array, layout: Array) -> Mask:
+    """Tell which strips are there; refuse a picture that is not the target's."""
+    across = pixels.across(comb.direction_rad)
+    strip = np.array([_mean(pixels, across, low, high) for low, high in edges])
+    between = [_mean(pixels, across, a, b) for a, b in _gaps(edges)]
+    gaps = np.array(
+        [
+            np.nanmax([before, after]) if np.isfinite([before, after]).any() else np.nan
+            for before, after in zip(between[:-1], between[1:], strict=True)
+        ]
+    )
+    plate = float(np.nanmedian(between)) if np.isfinite(between).any() else 0.0
+    contrast = gaps - strip
+    if plate < _LEAST_PLATE:
+        raise DetectionError(
+            f"only {100 * plate:.0f} % of the plate between the strips has the phase of the reference capture: lamp, "
+            "plate or mirror moved between the two, or the target's strips are not those in the picture."
+        )
+    seen = np.nan_to_num(contrast, nan=-1.0) > max(_SEEN_CONTRAST * float(np.nanmedian(contrast)), 0.12)
+    if np.count_nonzero(seen) < min(2, len(edges)):
+        raise DetectionError(_nothing(layout, float(np.nanmax(contrast))))
+    _demand_width(edges[seen], layout[seen])
+    _demand_no_more(pixels, across, edges, comb, plate)
+    return seen
+
+
+def _gaps(edges: Array) -> list[tuple[float, float]]:
+    """Return the gaps between strips, and one beyond each outer strip."""
+    outer = float(np.median(edges[1:, 0] - edges[:-1, 1])) if len(edges) > 1 else float(np.ptp(edges))
+    lows = [edges[0, 0] - outer, *edges[:, 1]]
+    highs = [*edges[:, 0], edges[-1, 1] + outer]
+    return list(zip(lows, highs, strict=True))
+
+
+def _mean(pixels: Pixels, across: Array, low: float, high: float) -> float:
+    """Mean likeness over the middle of a zone; NaN where too little of it is in the picture."""
+    rim = 0.2 * (high - low)
+    inside = (across > low + rim) & (across < high - rim)
+    return float(pixels.likeness[inside].mean()) if np.count_nonzero(inside) >= 12 else math.nan
+
+
+def _nothing(layout: Array, contrast: float) -> str:
+    width = float(np.mean(np.diff(layout, axis=1)))
+    return (
+        f"{len(layout)} strips of {width:.1f} px width do not show in the phase (contrast {contrast:.2f} between plate "
+        "and strips): strips and reference are the same pictures, the target names other strips, fringes run along "
+        "the plane of light and strips shift nothing, or the step is a whole fringe everywhere (then change the "
+        "fringe pitch)."
+    )
+
+
+def _demand_width(edges: Array, layout: Array) -> None:
+    found, stated = (float(np.median(np.diff(e, axis=1))) for e in (edges, layout))
+    if abs(found - stated) > 2.0 + _SIZE_TOLERANCE * stated:
+        raise DetectionError(
+            f"the strips are {found:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the target "
+            "names other strips, or its width is wrong"
+        )
+
+
+def _demand_no_more(pixels: Pixels, across: Array, edges: Array, comb: Comb, plate: float) -> None:
+    """Refuse a picture in which the row of strips goes on beyond the target's count."""
+    if len(edges) < 2:
+        return
+    period = float(np.median(np.diff(edges[:, 0])))
+    for end, shift in ((0, -period), (-1, period)):
+        beyond = _mean(pixels, across, *(edges[end] + shift))
+        within = np.nanmedian([_mean(pixels, across, low, high) for low, high in edges])
+        if math.isfinite(beyond) and beyond < within + 0.25 * (plate - within):
+            raise DetectionError(
+                f"the picture shows more strips than the {len(edges)} that the target states: correct its count, or "
+                "take the others away"
+            )

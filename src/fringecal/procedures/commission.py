@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.camera.plate import PlateCamera
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.detect.grid import GridDetection
 from fringecal.errors import FitError, SessionError
@@ -22,8 +21,9 @@ from fringecal.projection.angle import (
 )
 from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
 from fringecal.projection.columns import ColumnAngle, column_angles
-from fringecal.projection.fit import PhasePoints, RigFit
-from fringecal.projection.order import OrderDecision, decide_order
+from fringecal.projection.fit import RigFit
+from fringecal.projection.order import OrderDecision
+from fringecal.projection.strip_orders import OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
 from fringecal.session import Capture, Session
 from fringecal.targets import Strips
@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 _POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
+_LEAST_POINTS = 100  # of a surface; fewer say nothing beside the others
 _BLOCK_PX = 24  # side of the blocks of neighbours whose residuals hang together
 _COLUMNS = 9
 
@@ -125,12 +126,12 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     capture = session.one("strips")
     strips_capture = phase_of_capture(capture)
     target = _strips_target(capture)
-    scale = camera.fit.camera.scale("mean").value
-    strips = measure_strips(reference.map, strips_capture.map, target, scale)
+    strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
     stated = projector_of(session)
     near = None if stated is None else stated.value_mm
     progress("fringe order of the strips")
-    observations, orders = _observations(camera.fit.camera, plate_phase, reference, strips, near)
+    ordered = order_strips(plate_phase, strips, camera.fit.camera, projector_mm=near)
+    observations, orders = _observations(plate_phase, strips, ordered)
     progress("joint fit of the rig")
     noise = float(np.nanmedian(reference.map.sigma[reference.map.valid]))
     calibration, fit = calibrate_rig(
@@ -176,26 +177,19 @@ def _whole_plate(reference: CapturePhase) -> Array:
 
 
 def _observations(
-    camera: PlateCamera,
-    plate_phase: Array,
-    reference: CapturePhase,
-    strips: StripPhase,
-    projector_near: Array | None,
+    plate_phase: Array, strips: StripPhase, ordered: OrderedStrips
 ) -> tuple[Observations, dict[float, OrderDecision]]:
-    """Gather plate and strips, each strip height with the fringe order that the evidence gives it."""
+    """Gather plate and strips, one surface for each height."""
     picked = [_picked(np.isfinite(plate_phase), plate_phase)]
     heights = [Estimate(0.0, 0.0, "mm", "plate")]
-    plate = _points(camera, picked[0], 0.0)
     orders: dict[float, OrderDecision] = {}
-    absolute = plate_phase + strips.step_rad
-    for height, labels in strips.groups().items():
-        inside = np.isin(strips.regions.labels, labels) & np.isfinite(absolute)
-        points = _picked(inside, absolute)
-        decision = decide_order(plate, _points(camera, points, height), projector_mm=projector_near)
-        orders[height] = decision
-        u, v, phase, cluster = points
-        picked.append((u, v, phase + 2 * np.pi * decision.order, cluster))
-        heights.append(strips.heights_mm[labels[0] - 1])
+    groups = ordered.groups(strips)
+    for height, labels in groups.items():
+        inside = np.isin(strips.regions.labels, labels) & np.isfinite(ordered.phase_rad)
+        if np.count_nonzero(inside) >= _LEAST_POINTS:
+            orders[height] = ordered.decision
+            picked.append(_picked(inside, ordered.phase_rad, number=max(_POINTS // len(groups), 2000)))
+            heights.append(strips.heights_mm[ordered.items[labels[0] - 1]])
     columns = list(zip(*picked, strict=True))
     return Observations(*(tuple(c) for c in columns), height_mm=tuple(heights)), orders
 
@@ -203,19 +197,14 @@ def _observations(
 type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
 
 
-def _picked(inside: NDArray[np.bool_], phase: Array) -> Picked:
+def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = _POINTS) -> Picked:
     """Take pixels spread evenly over a region, with the number of the block each lies in."""
     v, u = np.nonzero(inside)
     # A fixed stride over the raster would walk along columns: a seeded draw has no such beat with fringes.
-    chosen = np.sort(np.random.default_rng(2008).permutation(v.size)[:_POINTS])
+    chosen = np.sort(np.random.default_rng(2008).permutation(v.size)[:number])
     v, u = v[chosen], u[chosen]
     cluster = (v // _BLOCK_PX) * 100_000 + u // _BLOCK_PX
     return u.astype(float), v.astype(float), phase[v, u], cluster.astype(np.intp)
-
-
-def _points(camera: PlateCamera, picked: Picked, z_mm: float) -> PhasePoints:
-    u, v, phase, cluster = picked
-    return PhasePoints(camera.rays(u, v), z_mm, phase, cluster)
 
 
 def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning found
@@ -261,17 +250,11 @@ def _columns(
     stated: ProjectorPosition | None,
 ) -> tuple[ColumnAngle, ...]:
     """Angles at strip centres where strips run along columns, else at columns spread over the picture."""
-    upright = abs(strips.regions.direction_deg - 90) < 45
-    seen = np.array(strips.regions.seen) - 1
-    if upright:
-        centres = strips.regions.edges_px[seen].mean(axis=1)
-        half = float(np.ptp(strips.regions.edges_px[seen], axis=1).mean()) / 2
-        middle = strips.regions.across_px.shape[0] / 2 * np.cos(np.radians(strips.regions.direction_deg))
-        columns = centres - middle
+    if abs(strips.regions.direction_deg - 90) < 45:
+        columns, half = _strip_columns(strips)
     else:
         width = strips.step_rad.shape[1]
-        columns = np.linspace(0.1, 0.9, _COLUMNS) * width
-        half = 0.02 * width
+        columns, half = np.linspace(0.1, 0.9, _COLUMNS) * width, 0.02 * width
     systematic = np.sqrt(sum(c**2 for label, c in budget.items() if label != "phase scatter"))
     surfaces = observations.surfaces(calibration.camera)
     largest = max(range(1, len(surfaces)), key=lambda i: surfaces[i].phase_rad.size)
@@ -284,3 +267,12 @@ def _columns(
         systematic_deg=float(systematic),
         projector=stated,
     )
+
+
+def _strip_columns(strips: StripPhase) -> tuple[Array, float]:
+    """Return the picture columns at which upright strips cross the middle rows, and half of their width."""
+    rows = strips.regions.labels.shape[0]
+    middle = strips.regions.labels[int(0.4 * rows) : int(0.6 * rows) + 1]
+    seen = [k for k in strips.regions.seen if np.any(middle == k)]
+    half = float(np.median(np.ptp(strips.regions.edges_px, axis=1))) / 2
+    return np.array([np.nonzero(middle == k)[1].mean() for k in seen]), half

@@ -1,11 +1,12 @@
-"""The strips' phase, pixel by pixel: which strip, how high, and its absolute phase up to one common order."""
+"""The strips' phase, pixel by pixel: which strip, how high, and its phase step over the plate."""
 
-import math
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.camera.plate import PlateCamera
 from fringecal.detect.strips import StripRegions, find_strips
 from fringecal.errors import FitError
 from fringecal.phase.demodulate import PhaseMap
@@ -21,126 +22,123 @@ _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or 
 
 @dataclass(frozen=True)
 class StripPhase:
-    """Strip tops with their smooth phase step over the plate.
+    """Strip tops with their phase step over the plate.
 
     Parameters
     ----------
     regions
         Which pixel is which strip, and where the edges are.
     step_rad
-        Phase of the strips minus phase of the bare plate, continuous over all strips, NaN elsewhere; common
-        multiple of 2 pi still open.
+        Phase of the strips minus phase of the bare plate, continuous within each piece, NaN elsewhere; every
+        piece's own multiple of 2 pi is still open.
+    pieces
+        Map: 0 nothing, 1.. the pieces of strip tops that hang together.
     heights_mm
-        Height of each strip, one estimate per strip.
+        Height of each strip of the target, one estimate per strip.
     plate_drift_rad
-        Median phase difference on the bare plate between the two captures: what moved meanwhile.
+        Median phase difference on the bare plate between the two captures, already taken off `step_rad`.
     """
 
     regions: StripRegions
     step_rad: Array
+    pieces: NDArray[np.int32]
     heights_mm: tuple[Estimate, ...]
     plate_drift_rad: float
 
-    def groups(self) -> dict[float, tuple[int, ...]]:
-        """Return the labels of the strips seen, by nominal height."""
-        found: dict[float, tuple[int, ...]] = {}
-        for label in self.regions.seen:
-            height = self.heights_mm[label - 1].value
-            found[height] = (*found.get(height, ()), label)
-        return found
 
-
-def measure_strips(
-    reference: PhaseMap, strips: PhaseMap, target: Strips, scale_mm_per_px: float
-) -> StripPhase:
-    """Find the strips by the phase they add and make that step continuous from strip to strip.
+def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera: PlateCamera) -> StripPhase:
+    """Find the strips by the phase they add.
 
     Parameters
     ----------
     reference, strips
         Phase of the bare plate and of the plate with strips.
     target
-        Count, width, gap and height of the strips.
-    scale_mm_per_px
-        Mean scale.
+        Count, width, gap, length and height of the strips.
+    camera
+        The camera on the plate: in its millimetres strips are straight.
 
     Raises
     ------
     DetectionError
         The strips do not show.
     FitError
-        Plate or lamp moved between the two captures.
+        Plate or lamp moved between the two captures, or too little of the strips is lit.
     """
     valid = reference.valid & strips.valid
     step = np.where(valid, np.angle(np.exp(1j * (strips.phase.astype(float) - reference.phase))), 0.0)
-    width = float(np.mean(target.width_mm.values))
-    gap = float(np.mean(target.gap_mm.values)) if target.gap_mm is not None else width
+    heights = tuple(target.height_mm.estimate("strip height", "mm", item=i) for i in range(target.count))
+    scale = camera.scale("mean").value
     regions = find_strips(
-        step, valid, count=target.count, width_px=width / scale_mm_per_px, gap_px=gap / scale_mm_per_px
+        step,
+        valid,
+        count=target.count,
+        width_px=target.width_mm.array(target.count) / scale,
+        gap_px=_gaps_mm(target) / scale,
+        length_px=float(np.max(target.length_mm.values)) / scale,
+        straight_px=_straight(camera, float(np.mean([h.value for h in heights]))),
     )
     drift = _plate_drift(step, regions)
-    heights = tuple(
-        target.height_mm.estimate("strip height", "mm", item=i) for i in range(target.count)
+    found = unwrap(step - drift, regions.labels > 0)
+    pieces = _large(found.pieces)
+    return StripPhase(regions, np.where(pieces > 0, found.phase, np.nan), pieces, heights, drift)
+
+
+def _gaps_mm(target: Strips) -> Array:
+    return (
+        np.zeros(0)
+        if target.gap_mm is None
+        else target.gap_mm.array(max(target.count - 1, 1))[: target.count - 1]
     )
-    return StripPhase(regions, _continuous(step, regions, heights), heights, drift)
+
+
+def _straight(camera: PlateCamera, z_mm: float) -> tuple[Array, Array]:
+    """Maps of where pixels lie at the strips' height, in px of the mean scale, v downward."""
+    x, y = camera.pixel_rays().at(z_mm)
+    scale = camera.scale("mean").value
+    u0, v0 = camera.centre_px
+    return u0 + x / scale, v0 - y / scale
 
 
 def _plate_drift(step: Array, regions: StripRegions) -> float:
+    """Median phase difference on the bare plate; walls of strips and crumbs beside them are outvoted."""
     plate = step[regions.labels == 0]
     if plate.size == 0:
-        return math.nan
-    drift = float(np.angle(np.mean(np.exp(1j * plate))))
+        return 0.0
+    drift = float(np.median(plate))
     if abs(drift) > _MOVED_RAD:
         raise FitError(
-            f"On the bare plate beside the strips the phase differs by {drift:+.2f} rad from the reference capture: "
-            "plate, lamp or mirror moved between the two. Take reference and strips again without touching the rig."
+            f"On the bare plate beside the strips the phase differs by {drift:+.2f} rad from the reference "
+            "capture: plate, lamp or mirror moved between the two. Take reference and strips again without "
+            "touching the rig."
         )
     return drift
 
 
-def _continuous(step: Array, regions: StripRegions, heights: tuple[Estimate, ...]) -> Array:
-    """Unwrap within each strip, then line the strips up by extrapolating those already done."""
-    result = np.full(step.shape, np.nan)
-    pieces = unwrap(step, regions.labels > 0)
-    v, u = np.mgrid[: step.shape[0], : step.shape[1]]
-    done: list[tuple[Array, Array, Array]] = []
-    for piece in _by_size_then_nearness(pieces.pieces, regions):
-        inside = pieces.pieces == piece
-        label = int(np.median(regions.labels[inside]))
-        height = heights[label - 1].value
-        values = pieces.phase[inside]
-        if done:
-            predicted = _extrapolated(done, u[inside], v[inside]) * height
-            values = values + 2 * math.pi * np.round(np.median(predicted - values) / (2 * math.pi))
-        result[inside] = values
-        done.append((u[inside].astype(float), v[inside].astype(float), values / height))
-    return result
+def _large(pieces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Leave out pieces of a few pixels and number the others anew."""
+    keep = np.bincount(pieces.ravel()) >= _MIN_PIECE
+    keep[0] = False
+    if not keep.any():
+        raise FitError(
+            "No strip top has enough valid pixels: more light, wider strips or finer pixels are needed."
+        )
+    return np.where(keep, np.cumsum(keep), 0).astype(np.int32)[pieces]
 
 
-def _by_size_then_nearness(pieces: NDArray[np.int32], regions: StripRegions) -> list[int]:
-    """Largest piece first, then outward strip by strip, so that extrapolation always reaches one strip far."""
-    sizes = np.bincount(pieces.ravel())
-    sizes[0] = 0
-    found = [int(k) for k in np.flatnonzero(sizes >= _MIN_PIECE)]
-    if not found:
-        raise FitError("No strip top has enough valid pixels: more light, wider strips or finer pixels are needed.")
-    places = {k: float(np.mean(regions.across_px[pieces == k])) for k in found}
-    first = max(found, key=lambda k: sizes[k])
-    return sorted(found, key=lambda k: (abs(places[k] - places[first]), -sizes[k]))
+def numberings(strips: StripPhase) -> tuple[tuple[int, ...], ...]:
+    """Return all ways in which the strips seen may be the target's: items of the target, by label - 1.
 
-
-def _extrapolated(done: list[tuple[Array, Array, Array]], u: NDArray[np.int_], v: NDArray[np.int_]) -> Array:
-    """Step per mm of strip height, by a low polynomial through the strips already lined up."""
-    us, vs, values = (np.concatenate([d[i][:: max(1, d[i].size // 2000)] for d in done]) for i in range(3))
-    centre = (float(us.mean()), float(vs.mean()))
-    size = max(float(np.ptp(us)), float(np.ptp(vs)), 1.0)
-
-    def design(a: Array, b: Array) -> Array:
-        s, t = (a - centre[0]) / size, (b - centre[1]) / size
-        return np.column_stack([np.ones_like(s), s, t, s * s, s * t, t * t][: 3 if len(done) < 3 else 6])
-
-    # One or two strips say nothing of the curvature across: a ridge keeps the fit from inventing it.
-    matrix = design(us, vs)
-    ridge = 1e-3 * us.size * np.diag([0.0, *[1.0] * (matrix.shape[1] - 1)])
-    coefficients = np.linalg.solve(matrix.T @ matrix + ridge, matrix.T @ values)
-    return design(u.astype(float), v.astype(float)) @ coefficients
+    Strips alike in height have one. Others may lie turned round; where some lie outside the picture, the row may
+    also start at another strip. An item is -1 for a label that is not seen.
+    """
+    heights = [h.value for h in strips.heights_mm]
+    count, seen = len(heights), [label - 1 for label in strips.regions.seen]
+    shifts = sorted(range(1 - count, count), key=abs) if len(seen) < count else [0]
+    found: dict[tuple[float, ...], tuple[int, ...]] = {}
+    for sign, shift in product((1, -1), shifts):
+        items = {k: (k if sign > 0 else count - 1 - k) + shift for k in seen}
+        if min(items.values()) >= 0 and max(items.values()) < count:
+            key = tuple(heights[i] for i in items.values())
+            found.setdefault(key, tuple(items.get(k, -1) for k in range(count)))
+    return tuple(found.values())

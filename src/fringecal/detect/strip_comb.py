@@ -1,0 +1,250 @@
+"""Lay a comb of known teeth over a picture: direction, place and pitch at which teeth and gaps differ most.
+
+The criterion is the sum of squares between two classes, teeth and everything else: the best least-squares
+description of the picture by two levels.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import DetectionError
+
+Array = NDArray[np.float64]
+
+_SAMPLE = 24_000  # pixels looked at while turning the comb
+_FINE_SAMPLE = 120_000
+_BEST_DIRECTIONS = 10
+_STRETCH = 0.035  # how far the gaps as laid may differ from the target's
+_LEAST_CONTRAST = 0.12
+_LENGTH_BINS = 200
+
+
+@dataclass(frozen=True)
+class Pixels:
+    """Pixels with their coordinates and how much they look like bare plate (0..1)."""
+
+    u_px: Array
+    v_px: Array
+    likeness: Array
+
+    def across(self, direction_rad: float) -> Array:
+        """Coordinate along a direction."""
+        return self.u_px * math.cos(direction_rad) + self.v_px * math.sin(direction_rad)
+
+    def along(self, direction_rad: float) -> Array:
+        """Coordinate at right angles to a direction."""
+        return self.v_px * math.cos(direction_rad) - self.u_px * math.sin(direction_rad)
+
+    def sample(self, number: int) -> "Pixels":
+        """Return a seeded draw of the pixels: a stride would beat with the strips."""
+        if self.likeness.size <= number:
+            return self
+        chosen = np.random.default_rng(2008).choice(self.likeness.size, number, replace=False)
+        return Pixels(self.u_px[chosen], self.v_px[chosen], self.likeness[chosen])
+
+
+@dataclass(frozen=True)
+class Comb:
+    """A comb laid on a picture: direction across its teeth, and the teeth's edges, shape (count, 2)."""
+
+    direction_rad: float
+    edges_px: Array
+    contrast: float
+
+
+@dataclass(frozen=True)
+class _Profile:
+    """Sums of likeness and of pixels over lines, cumulated, in bins of `bin_px` from `start_px`."""
+
+    start_px: float
+    bin_px: float
+    total: Array
+    number: Array
+
+    @classmethod
+    def of(cls, across: Array, likeness: Array, bin_px: float) -> "_Profile":
+        start = float(across.min())
+        index = ((across - start) / bin_px).astype(np.intp)
+        number = np.bincount(index).astype(float)
+        total = np.bincount(index, weights=likeness)
+        return cls(
+            start,
+            bin_px,
+            np.concatenate([[0.0], np.cumsum(total)]),
+            np.concatenate([[0.0], np.cumsum(number)]),
+        )
+
+    def between_bins(self) -> float:
+        """Sum of squares that the lines' means explain."""
+        total, number = np.diff(self.total), np.diff(self.number)
+        means = total[number > 0] ** 2 / number[number > 0]
+        return float(means.sum() - self.total[-1] ** 2 / self.number[-1])
+
+    def split(self, low_px: Array, high_px: Array) -> tuple[Array, Array]:
+        """Return pixels and likeness inside the zones, summed over the last axis."""
+        last = self.number.size - 1
+        low = np.clip(np.rint((low_px - self.start_px) / self.bin_px), 0, last).astype(np.intp)
+        high = np.clip(np.rint((high_px - self.start_px) / self.bin_px), 0, last).astype(np.intp)
+        number = (self.number[high] - self.number[low]).sum(axis=-1)
+        return number, (self.total[high] - self.total[low]).sum(axis=-1)
+
+    def places(self, layout: Array) -> tuple[Array, Array, Array]:
+        """Score every place of a comb: place in px, sum of squares between the classes, contrast."""
+        length = float(layout[-1, 1])
+        extent = (self.number.size - 1) * self.bin_px
+        # At least half of the comb, or all of the picture, must overlap.
+        spare = 0.5 * min(length, extent)
+        place = np.arange(
+            self.start_px - length + spare, self.start_px + extent - spare + self.bin_px, self.bin_px
+        )
+        edges = place[:, None, None] + layout[None]
+        inside, plate = self.split(edges[..., 0], edges[..., 1])
+        outside = self.number[-1] - inside
+        contrast = (self.total[-1] - plate) / np.maximum(outside, 1) - plate / np.maximum(inside, 1)
+        score = inside * outside / self.number[-1] * contrast**2
+        return place, np.where(contrast > 0, score, -1.0), contrast
+
+
+def find_comb(pixels: Pixels, layout: Array, least_px: float) -> Comb:
+    """Find direction, place and pitch of a comb whose teeth are not plate.
+
+    Parameters
+    ----------
+    pixels
+        The picture.
+    layout
+        Edges of the teeth in px, the first at 0, shape (count, 2).
+    least_px
+        Narrowest tooth or gap, in px.
+
+    Raises
+    ------
+    DetectionError
+        Nothing that differs from plate, or nothing like the comb.
+    """
+    few = pixels.sample(_SAMPLE)
+    reach = max(float(np.ptp(few.u_px)), float(np.ptp(few.v_px)), 1.0)
+    turn = 0.35 * least_px / reach
+    layouts = _both_ways(layout)
+    best = max(
+        (
+            _best_place(few, d, shape, least_px / 6, 3)
+            for d in _directions(few, turn, least_px)
+            for shape in layouts
+        ),
+        key=lambda found: found[0],
+    )
+    many = pixels.sample(_FINE_SAMPLE)
+    direction, shape = best[1], best[4]
+    for half, bin_px, stretches in ((turn, least_px / 10, 9), (0.25 * turn, max(least_px / 24, 0.25), 15)):
+        angles = direction + np.linspace(-half, half, 9)
+        best = max(
+            (_best_place(many, a, shape, bin_px, stretches) for a in angles), key=lambda found: found[0]
+        )
+        direction = best[1]
+    _, direction, place, stretch, shape, contrast = best
+    if contrast < _LEAST_CONTRAST:
+        raise DetectionError(
+            f"no strips show in the phase: between where {len(layout)} strips would fit best and the rest the share of "
+            f"unchanged phase differs by {contrast:.2f}, at least {_LEAST_CONTRAST} is needed. Either strips and "
+            "reference are the same pictures, or lamp or plate moved between them, or the fringes do not cross the "
+            "strips, or the step is a whole fringe everywhere (then change the fringe pitch)."
+        )
+    return _normal(Comb(direction, place + stretch * shape, contrast))
+
+
+def _normal(comb: Comb) -> Comb:
+    """Bring the direction into (-45, 135] deg by turning the coordinate round, teeth in rising order."""
+    direction, edges = comb.direction_rad % (2 * math.pi), comb.edges_px
+    if not (direction <= 0.75 * math.pi + 1e-9 or direction > 1.75 * math.pi):
+        direction, edges = direction - math.pi, -edges[::-1, ::-1]
+    if direction > math.pi:
+        direction -= 2 * math.pi
+    return Comb(direction, edges, comb.contrast)
+
+
+def _both_ways(layout: Array) -> list[Array]:
+    turned = layout[-1, 1] - layout[::-1, ::-1]
+    return [layout] if np.allclose(turned, layout, atol=0.5) else [layout, turned]
+
+
+def _directions(pixels: Pixels, turn: float, least_px: float) -> list[float]:
+    """Return the directions in which lines differ most from each other, one per peak."""
+    angles = np.arange(0, math.pi, turn)
+    scores = np.array(
+        [_Profile.of(pixels.across(a), pixels.likeness, least_px / 5).between_bins() for a in angles]
+    )
+    peaks = (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1))
+    order = np.flatnonzero(peaks)[np.argsort(-scores[peaks])][:_BEST_DIRECTIONS]
+    # The comb is finer than the peak is wide: its neighbours are tried as well.
+    return [float(a) for i in order for a in (angles[i] - 0.5 * turn, angles[i], angles[i] + 0.5 * turn)]
+
+
+def _best_place(
+    pixels: Pixels, direction: float, layout: Array, bin_px: float, stretches: int
+) -> tuple[float, float, float, float, Array, float]:
+    """Return score, direction, place, stretch, layout and contrast of the best place for one direction."""
+    profile = _Profile.of(pixels.across(direction), pixels.likeness, bin_px)
+    best = (-math.inf, direction, 0.0, 1.0, layout, 0.0)
+    for stretch in 1 + np.linspace(-_STRETCH, _STRETCH, stretches):
+        place, score, contrast = profile.places(layout * stretch)
+        i = int(np.argmax(score))
+        if score[i] > best[0]:
+            best = (float(score[i]), direction, float(place[i]), float(stretch), layout, float(contrast[i]))
+    return best
+
+
+def refined_edges(pixels: Pixels, comb: Comb, reach_px: float) -> Array:
+    """Move each edge to where the likeness changes; edges without a change stay where the comb puts them."""
+    bin_px = 0.5
+    across = pixels.across(comb.direction_rad)
+    start = float(across.min())
+    index = ((across - start) / bin_px).astype(np.intp)
+    number = np.bincount(index)
+    mean = np.bincount(index, weights=pixels.likeness) / np.maximum(number, 1)
+    kernel = np.hanning(7)[1:-1] / np.hanning(7).sum()
+    slope = np.gradient(np.convolve(np.where(number > 0, mean, np.nan), kernel, mode="same"))
+    slope = np.nan_to_num(slope)
+    strongest = float(np.quantile(np.abs(slope), 0.98))
+    edges = comb.edges_px.copy()
+    for (tooth, side), edge in np.ndenumerate(comb.edges_px):
+        centre = (edge - start) / bin_px
+        low, high = (int(np.clip(centre + s * reach_px / bin_px, 0, slope.size)) for s in (-1, 1))
+        weights = np.clip(slope[low:high] * (1 if side else -1), 0, None)
+        if weights.size and weights.max() > 0.15 * strongest > 0:
+            weights = np.where(weights > 0.3 * weights.max(), weights, 0)
+            edges[tooth, side] = start + bin_px * (
+                float(np.sum(np.arange(low, high) * weights) / weights.sum()) + 0.5
+            )
+    return edges
+
+
+def find_ends(
+    pixels: Pixels, comb: Comb, edges_px: tuple[float, float], length_px: float
+) -> tuple[float, float]:
+    """Return where along its length a strip begins and ends; infinite where that is beyond the picture."""
+    low, high = edges_px
+    across = pixels.across(comb.direction_rad)
+    rim = 0.2 * (high - low)
+    inside = (across > low + rim) & (across < high - rim)
+    along = pixels.along(comb.direction_rad)
+    extent = float(np.ptp(along))
+    if not math.isfinite(length_px) or np.count_nonzero(inside) < 50:
+        return -math.inf, math.inf
+    profile = _Profile.of(along[inside], pixels.likeness[inside], max(extent / _LENGTH_BINS, 1.0))
+    visible = (profile.number.size - 1) * profile.bin_px
+    place = np.arange(profile.start_px - 0.5 * length_px, profile.start_px + visible, profile.bin_px)
+    number, plate = profile.split(place[:, None], place[:, None] + length_px)
+    outside = profile.number[-1] - number
+    contrast = (profile.total[-1] - plate) / np.maximum(outside, 1) - plate / np.maximum(number, 1)
+    score = np.where(contrast > 0, number * outside * contrast**2, -1.0)
+    best = int(np.argmax(score))
+    if outside[best] < 1 or contrast[best] < 0.3:
+        return -math.inf, math.inf
+    return float(place[best]), float(place[best] + length_px)
+
+
+__all__ = ["Comb", "Pixels", "find_comb", "find_ends", "refined_edges"]
