@@ -80,7 +80,38 @@ def error_map(
 
 
 @styled
-def residual_map(residual_rad: np.ndarray, *, limit_rad: float | None = None, title: str = "") -> Figure:
+def uncertainty_map(x_mm: np.ndarray, y_mm: np.ndarray, u_mm: np.ndarray, *, title: str = "") -> Figure:
+    """Draw the standard uncertainty of heights in the plate frame, from the 1st to the 99th percentile.
+
+    Parameters
+    ----------
+    x_mm, y_mm, u_mm
+        Coordinates and standard uncertainty of the height per pixel (H, W), mm, NaN where masked.
+    title
+        What was measured.
+    """
+    figure = new_figure(7.0, 5.2)
+    axes = figure.subplots()
+    grid = _thinned(x_mm, y_mm, u_mm, max_jump_mm=np.inf)
+    image = _draw_plate_map(axes, grid)
+    known = u_mm[np.isfinite(u_mm)]
+    if known.size:
+        image.set_clim(*np.percentile(known, [1, 99]))
+    image.set_cmap(HEIGHT_MAP)
+    axes.set_title(title)
+    colourbar(axes, image, "u(z) / mm", extend="both")
+    return figure
+
+
+@styled
+def residual_map(
+    residual_rad: np.ndarray,
+    *,
+    limit_rad: float | None = None,
+    label: str = "measured - model phase / rad",
+    step_px: int = 1,
+    title: str = "",
+) -> Figure:
     """Draw the phase residual of a fit in the camera's picture, row 0 at the top.
 
     Parameters
@@ -89,6 +120,10 @@ def residual_map(residual_rad: np.ndarray, *, limit_rad: float | None = None, ti
         Measured minus model phase (H, W), rad, NaN where not used.
     limit_rad
         End of the symmetric scale; by default the 99.5th percentile of the absolute residual.
+    label
+        What the colours mean, with its unit.
+    step_px
+        Pixels of the picture from one value of the map to the next.
     title
         Which capture.
     """
@@ -96,11 +131,13 @@ def residual_map(residual_rad: np.ndarray, *, limit_rad: float | None = None, ti
     axes = figure.subplots()
     limit = symmetric_limit(residual_rad) if limit_rad is None else limit_rad
     axes.set_facecolor(MASKED)
-    image = axes.imshow(_shrunk(residual_rad), extent=_extent(residual_rad.shape), cmap=ERROR_MAP)
+    height, width = residual_rad.shape
+    extent = _extent((height * step_px, width * step_px))
+    image = axes.imshow(_shrunk(residual_rad), extent=extent, cmap=ERROR_MAP)
     image.set_clim(-limit, limit)
     image_axes(axes)
     axes.set_title(title)
-    colourbar(axes, image, "measured - model phase / rad", extend="both")
+    colourbar(axes, image, label, extend="both")
     return figure
 
 
@@ -133,17 +170,12 @@ def classification_overlay(
     axes.imshow(_shrunk(codes), extent=extent, cmap=ListedColormap(colours or ["none"]), norm=norm, alpha=0.5)
     image_axes(axes)
     axes.set_title(title)
-    handles = [
-        Patch(color=colour, alpha=0.6, label=name)
-        for colour, name in zip(colours, names.values(), strict=True)
-    ]
+    handles = [Patch(color=colour, alpha=0.6, label=name) for colour, name in zip(colours, names.values(), strict=True)]
     figure.legend(handles=handles, loc="outside lower center", ncols=max(1, min(4, len(handles))))
     return figure
 
 
-def _thinned(
-    x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, max_jump_mm: float | None = None
-) -> RegularGrid:
+def _thinned(x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, max_jump_mm: float | None = None) -> RegularGrid:
     valid = np.isfinite(x_mm) & np.isfinite(y_mm) & np.isfinite(z_mm)
     x, y = np.where(valid, x_mm, np.nan), np.where(valid, y_mm, np.nan)
     coarse = max(np.ptp(x[valid]), np.ptp(y[valid])) / _LONGEST_SIDE if valid.any() else 0.0

@@ -1,5 +1,7 @@
 """Sections through a surface: measured against reference, and the error below."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -66,12 +68,48 @@ def profile_plot(
     return figure
 
 
+@styled
+def sections_plot(
+    positions_mm: Sequence[np.ndarray],
+    heights_mm: Sequence[np.ndarray],
+    u_mm: Sequence[np.ndarray],
+    names: Sequence[str],
+    *,
+    position_label: str = "x / mm",
+    title: str = "",
+) -> Figure:
+    """Draw sections through a surface one below the other on equal scales, each with its 95 % band.
+
+    Parameters
+    ----------
+    positions_mm, heights_mm, u_mm
+        Position along each section, heights and their standard uncertainties, mm; NaN leaves a gap.
+    names
+        Name and place of each section.
+    position_label
+        What runs along the axis, with its unit.
+    title
+        What was measured.
+    """
+    figure = new_figure(7.4, 1.0 + 1.7 * len(names))
+    panels = figure.subplots(len(names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
+    for axes, x, z, u, name in zip(panels, positions_mm, heights_mm, u_mm, names, strict=True):
+        half = _K_95 * u
+        axes.fill_between(x, z - half, z + half, color=BLUE, alpha=0.25, lw=0, label="95 % interval")
+        axes.plot(x, z, color=BLUE, lw=1.0, label="measured")
+        axes.grid(visible=True, axis="y")
+        axes.set_title(name, loc="left", fontsize=9.5)
+        axes.set_ylabel("z / mm")
+    panels[-1].set_xlabel(position_label)
+    figure.suptitle(title)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
 def _limit_to_kept(axes: Axes, error_mm: np.ndarray, half: np.ndarray, left_out: np.ndarray | None) -> None:
     """Let the points that count set the scale of the error, not the edges that are left out."""
     kept = slice(None) if left_out is None else ~left_out
-    limit = 1.15 * symmetric_limit(
-        np.concatenate([(error_mm - half)[kept], (error_mm + half)[kept]]), percentile=100
-    )
+    limit = 1.15 * symmetric_limit(np.concatenate([(error_mm - half)[kept], (error_mm + half)[kept]]), percentile=100)
     axes.set_ylim(-limit, limit)
 
 

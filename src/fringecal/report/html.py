@@ -2,7 +2,7 @@
 
 import base64
 import io
-import re
+import weakref
 from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from fringecal.records.files import write_text
-from fringecal.report.structure import FigureItem, Report, Table
+from fringecal.report.structure import FigureItem, Report, Table, slug
 from fringecal.report.style import RC
 
 # Word, sign and colour class: no reader has to tell a verdict by colour alone.
@@ -25,7 +25,8 @@ _DECISIONS = {
     "info": ("For information", "i"),
 }
 _MISSING = "–"
-_PNG_DPI = 160
+_PNG_DPI = 120
+_ENCODED: weakref.WeakKeyDictionary[FigureItem, bytes] = weakref.WeakKeyDictionary()
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,16 @@ def write_html(report: Report, path: str | Path) -> Path:
 
 
 def figure_bytes(item: FigureItem) -> bytes:
-    """Encode a figure as its item says, without a date, so that equal figures give equal bytes."""
+    """Encode a figure as its item says, without a date, so that equal figures give equal bytes.
+
+    An item is encoded once, since a page and a file beside it show the same figure.
+    """
+    if item not in _ENCODED:
+        _ENCODED[item] = _encoded(item)
+    return _ENCODED[item]
+
+
+def _encoded(item: FigureItem) -> bytes:
     buffer = io.BytesIO()
     metadata = {"Date": None} if item.encoding == "svg" else {"Software": None}
     with mpl.rc_context(RC):
@@ -116,17 +126,14 @@ def _view_table(table: Table) -> _TableView:
         for cells in zip(*formatted, strict=True)
     ]
     csv = frame.to_csv(index=False, lineterminator="\n").encode()
-    name = re.sub(r"[^a-z0-9]+", "-", table.caption.lower()).strip("-")[:60] or "table"
-    columns = [
-        (head, any(number for _, number in cells)) for head, cells in zip(heads, formatted, strict=True)
-    ]
+    columns = [(head, any(number for _, number in cells)) for head, cells in zip(heads, formatted, strict=True)]
     return _TableView(
         table.caption,
         table.header_note,
         columns,
         rows,
         _data_uri("text/csv;charset=utf-8", csv),
-        f"{name}.csv",
+        f"{slug(table.caption)}.csv",
     )
 
 

@@ -1,5 +1,6 @@
 """What a report is made of, before anything decides how it looks."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -9,6 +10,17 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
+
+
+def slug(caption: str) -> str:
+    """Turn a caption into the stem of a file name.
+
+    Examples
+    --------
+    >>> slug("Profiles, edge zones left out / mm")
+    'profiles-edge-zones-left-out-mm'
+    """
+    return re.sub(r"[^a-z0-9]+", "-", caption.lower()).strip("-")[:60].strip("-") or "untitled"
 
 
 @dataclass(frozen=True)

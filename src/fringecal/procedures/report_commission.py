@@ -1,0 +1,105 @@
+"""The report of a commissioning: verdict and headline numbers, then camera, phase, strips, rig, angle, budgets."""
+
+import math
+from datetime import datetime
+
+from fringecal.procedures.checks import commissioning_checks
+from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.report_angle import angle_section, budgets_section
+from fringecal.procedures.report_camera import camera_section, largest_scale_error_percent
+from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
+from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
+from fringecal.projection.angle import fringe_pitch_mm
+from fringecal.records.parts import Check
+from fringecal.records.provenance import software_versions
+from fringecal.report.structure import Fact, InputFile, Report, Section, Verdict
+from fringecal.uncertainty.estimates import Estimate
+
+
+def commission_report(found: Commissioning, *, command: str = "", created: datetime | None = None) -> Report:
+    """Return the report of a commissioning.
+
+    Parameters
+    ----------
+    found
+        What commissioning has found.
+    command
+        Command line that made it.
+    created
+        Time of writing, with its zone.
+    """
+    checks = commissioning_checks(found)
+    residuals = residual_maps(found)
+    return Report(
+        title=f"Commissioning of {found.session.rig}",
+        subtitle=_subtitle(found),
+        verdict=Verdict(severest(checks), _sentence(found, checks)),
+        facts=_facts(found),
+        sections=(
+            Section("Checks", (), (checks_table(checks),)),
+            camera_section(found.camera),
+            phase_section((found.reference, found.strips_capture)),
+            strips_section(found, residuals),
+            rig_section(found, residuals),
+            angle_section(found),
+            budgets_section(found),
+        ),
+        inputs=_inputs(found),
+        versions=software_versions(),
+        command=command,
+        created=created,
+    )
+
+
+def _subtitle(found: Commissioning) -> str:
+    session = found.session
+    parts = [f"Captured {session.captured:%Y-%m-%d %H:%M}"]
+    if session.operator:
+        parts.append(f"by {session.operator}")
+    if session.temperature_degC is not None:
+        parts.append(f"at {session.temperature_degC:g} °C")
+    return " ".join(parts)
+
+
+def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
+    """Defend the decision: what failed by name, or what holds."""
+    failed = [check.name for check in checks if check.decision in ("fail", "conditionalFail")]
+    residual = (
+        f"One rig model explains plate and strips to {found.fit.rms_rad:.3f} rad; the strips' fringe order was decided."
+    )
+    head = f"Not within its limit: {', '.join(failed)}." if failed else residual
+    return f"{head} {found.angle_sentence}"
+
+
+def _facts(found: Commissioning) -> tuple[Fact, ...]:
+    camera, lens = found.calibration.camera, found.camera.distortion
+    pitch, _ = found.calibration.estimate(lambda c: float(fringe_pitch_mm(c.model)), unit="mm", label="pitch")
+    facts = [
+        Fact("Mean scale", concise(found.camera.scales["mean"]), "at the image centre"),
+        Fact("Projection angle", concise(found.angle), "from the plate's normal, across the local fringe"),
+        Fact("Fringe pitch", concise(pitch), "on the plate, at the origin"),
+    ]
+    if found.theory is not None:
+        facts.insert(2, Fact("Angle in theory", concise(found.theory), "from the stated positions"))
+    if not camera.telecentric:
+        height = Estimate(camera["height_mm"], math.sqrt(camera.covariance[-1, -1]), "mm")
+        facts.append(Fact("Camera height", concise(height), "entrance pupil above the plate"))
+    largest = f"{largest_scale_error_percent(found.camera):.2f} %"
+    return (
+        *facts,
+        Fact("Plate residual", f"{found.fit.plate_rms_rad:.4f} rad", "rms"),
+        Fact("Lens distortion", lens.verdict, f"at most {concise(lens.max_px)}"),
+        Fact("Mean scale alone errs by", largest, "at most, over the field"),
+    )
+
+
+def _inputs(found: Commissioning) -> tuple[InputFile, ...]:
+    """List every file of the session that is not a picture, then the pictures that were used."""
+    used = (found.camera.capture, found.reference.capture, found.strips_capture.capture)
+    pictures = {path for capture in found.session.captures.values() for path in capture.paths}
+    others = tuple(
+        InputFile("session", name, digest)
+        for name, digest in found.session.inputs.items()
+        if found.session.folder / name not in pictures
+    )
+    return (*others, *(file for capture in used for file in inputs_of_capture(capture)))

@@ -1,0 +1,318 @@
+"""The rig's part of a commissioning report: strips, joint fit, projector."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.camera.plate import CAMERA_NAMES
+from fringecal.procedures.commission import Commissioning
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.rig import RIG_NAMES
+from fringecal.report.figures_maps import classification_overlay, residual_map
+from fringecal.report.figures_rig import Pupil, rig_drawing
+from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.style import symmetric_limit
+from fringecal.uncertainty.estimates import Estimate
+
+Array = NDArray[np.float64]
+
+_CELLS = 240  # of a residual map along its longer side
+_UNITS = {"nx": "rad/mm", "ny": "rad/mm", "nz": "rad/mm", "n0": "rad", "dx": "1/mm", "dy": "1/mm", "dz": "1/mm"}
+
+
+def strips_section(found: Commissioning, residuals: "ResidualMaps") -> Section:
+    """Say where the strips were found and how their fringe order was decided."""
+    regions = found.strips.regions
+    count = f"{len(regions.seen)} of {len(found.strips.heights_mm)}"
+    seen = f"{count} strips are in the picture, at {regions.direction_deg:.1f} deg."
+    decided = tuple(
+        f"Strips of {height:g} mm: fringe order {decision.order:+d}, {decision.reason}."
+        for height, decision in found.orders.items()
+    )
+    drift = (
+        f"On the bare plate the phase moved by {found.strips.plate_drift_rad:+.4f} rad between reference and strips."
+    )
+    tables = (_orders_table(found), _strips_table(residuals))
+    return Section("Strips", (seen, *decided, drift), tables, (_strips_figure(found),))
+
+
+def _orders_table(found: Commissioning) -> Table:
+    """Tabulate every fringe order tried: what it would mean for the rig."""
+    decisions = {id(decision): decision for decision in found.orders.values()}
+    rows = [
+        {
+            "order": candidate.order,
+            "strips / mm": ", ".join(f"{h:g}" for h, d in found.orders.items() if d is decision),
+            "angle / deg": candidate.angle_deg,
+            "projector height / mm": candidate.line_height_mm,
+            "projector side / mm": candidate.line_side_mm,
+            "residual of blocks / rad": candidate.block_rms_rad,
+            "step off prediction / rad": candidate.predicted_difference_rad,
+            "possible": candidate.possible,
+            "chosen": candidate.order == decision.order,
+        }
+        for decision in decisions.values()
+        for candidate in decision.candidates
+    ]
+    formats = {
+        "order": "+d",
+        "angle / deg": ".2f",
+        "projector height / mm": ".0f",
+        "projector side / mm": ".0f",
+        "residual of blocks / rad": ".4f",
+        "step off prediction / rad": "+.2f",
+    }
+    note = "prediction from the stated projector position, where there is one"
+    return Table("Fringe order of the strips", pd.DataFrame(rows), note, formats)
+
+
+def _strips_table(residuals: "ResidualMaps") -> Table:
+    """Tabulate the strips seen, with the height by which each disagrees with the common fit."""
+    rows = []
+    for point in residuals.strips:
+        for label in np.unique(point.label[point.label > 0]):
+            inside = point.label == label
+            rows.append(
+                {
+                    "strip": int(label),
+                    "height / mm": point.height.value,
+                    "u / mm": point.height.u,
+                    "points": int(np.count_nonzero(inside)),
+                    "median residual / rad": float(np.median(point.residual_rad[inside])),
+                    "as height / mm": float(np.median(point.as_height_mm[inside])),
+                }
+            )
+    rows.sort(key=lambda row: row["strip"])
+    formats = {"height / mm": ".4g", "u / mm": ".2g", "median residual / rad": "+.4f", "as height / mm": "+.4f"}
+    note = "residual against the common fit: a strip that is higher than stated stands out"
+    return Table("Strips", pd.DataFrame(rows), note, formats)
+
+
+def _strips_figure(found: Commissioning) -> FigureItem:
+    labels = found.strips.regions.labels
+    classes = np.where(labels > 0, 1, np.where(labels == 0, 2, 3))
+    names = {1: "strip top", 2: "plate", 3: "edge zone or no phase"}
+    figure = classification_overlay(
+        found.strips_capture.map.background, classes, names, title=found.strips_capture.capture.name
+    )
+    shares = ", ".join(f"{name} {100 * np.mean(classes == number):.1f} %" for number, name in names.items())
+    return FigureItem("Strips found", figure, f"The picture of the strips, coloured by class: {shares}.", "png")
+
+
+@dataclass(frozen=True)
+class StripResiduals:
+    """Residuals at the points of strips of one height: label of the strip, place, phase, and the same as height."""
+
+    height: Estimate
+    label: NDArray[np.int16]
+    u_px: Array
+    v_px: Array
+    residual_rad: Array
+    as_height_mm: Array
+
+
+@dataclass(frozen=True)
+class ResidualMaps:
+    """Measured minus modelled phase: maps of means over cells, NaN where there is none, and the strips' points.
+
+    `smooth_rad` is what the fit took up as plate residual; `cell_px` the side of a cell: single pixels show noise,
+    their means show what the model leaves out.
+    """
+
+    cell_px: int
+    plate_rad: Array
+    smooth_rad: Array
+    strips: tuple[StripResiduals, ...]
+
+
+def residual_maps(found: Commissioning) -> ResidualMaps:
+    """Compute the residuals of plate and strips, of what the fit rejected too."""
+    camera, model = found.calibration.camera, found.calibration.model
+    cell = max(1, -(-max(found.plate_phase_rad.shape) // _CELLS))
+    rays = camera.pixel_rays()
+    smooth = np.where(np.isfinite(found.plate_phase_rad), model.residual(rays.ax, rays.ay), np.nan)
+    plate = found.plate_phase_rad - model.ratio(rays.ax, rays.ay, 0.0) - smooth
+    strips = tuple(_strip_residuals(found, i) for i in range(1, len(found.observations.height_mm)))
+    return ResidualMaps(cell, cell_means(plate, cell), cell_means(smooth, cell), strips)
+
+
+def cell_means(values: Array, cell_px: int) -> Array:
+    """Average a map over cells of `cell_px` pixels a side, NaN left out; the last ones may be cut short.
+
+    Examples
+    --------
+    >>> cell_means(np.array([[1.0, 3.0, 7.0], [np.nan, 2.0, np.nan]]), 2).tolist()
+    [[2.0, 7.0]]
+    """
+    known = np.isfinite(values)
+    rows, columns = (np.arange(0, side, cell_px) for side in values.shape)
+
+    def total(part: Array) -> Array:
+        return np.add.reduceat(np.add.reduceat(part, rows, axis=0), columns, axis=1)
+
+    number = total(known.astype(float))
+    return np.where(number > 0, total(np.where(known, values, 0.0)) / np.maximum(number, 1), np.nan)
+
+
+def _strip_residuals(found: Commissioning, number: int) -> StripResiduals:
+    """Take the residuals of one surface of the fit."""
+    observed, model = found.observations, found.calibration.model
+    u, v = observed.u_px[number], observed.v_px[number]
+    surface = observed.surfaces(found.calibration.camera)[number]
+    x, y = surface.rays.at(surface.z_mm)
+    residual = surface.phase_rad - model.phase(x, y, surface.z_mm)
+    gx, gy, gz = model.gradient(x, y, surface.z_mm)
+    slope = gz + gx * surface.rays.bx + gy * surface.rays.by
+    label = found.strips.regions.labels[v.astype(int), u.astype(int)]
+    return StripResiduals(observed.height_mm[number], label, u, v, residual, residual / slope)
+
+
+def scattered(points: tuple[StripResiduals, ...], shape: tuple[int, ...], cell_px: int) -> Array:
+    """Average the residuals at points over cells of `cell_px` pixels a side; NaN where a cell has none."""
+    rows, columns = (-(-side // cell_px) for side in shape)
+    v = np.concatenate([p.v_px for p in points]).astype(int) // cell_px
+    u = np.concatenate([p.u_px for p in points]).astype(int) // cell_px
+    values = np.concatenate([p.residual_rad for p in points])
+    index = v * columns + u
+    number = np.bincount(index, minlength=rows * columns)
+    total = np.bincount(index, weights=values, minlength=rows * columns)
+    return np.where(number > 0, total / np.maximum(number, 1), np.nan).reshape(rows, columns)
+
+
+def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
+    """Say how well one rig model explains plate and strips, and where it puts the projector."""
+    fit = found.fit
+    used, total = (sum(int(n) for n in counts) for counts in zip(*(_counts(r) for r in fit.residuals), strict=True))
+    sentences = (
+        f"One rig model of {len(RIG_NAMES)} numbers and a smooth plate residual explains {used} of {total} points on "
+        f"plate and strips to {fit.rms_rad:.4f} rad rms ({fit.plate_rms_rad:.4f} rad on the plate).",
+        f"Beyond the noise of a pixel the plate leaves {found.calibration.excess_rad:.4f} rad, which every height's "
+        "uncertainty includes.",
+        _line_sentence(found),
+    )
+    tables = (_parameters_table(found.calibration), *_projector_tables(found))
+    return Section("Rig", sentences, tables, (*_residual_figures(found, residuals), *_drawing(found)))
+
+
+def _counts(residual: Array) -> tuple[int, int]:
+    return int(np.isfinite(residual).sum()), residual.size
+
+
+def _line_sentence(found: Commissioning) -> str:
+    if not np.all(np.isfinite(found.calibration.model.projector_mm)):
+        return "The projector's light is parallel as far as can be told: it has no position."
+    origin = "the stated position" if found.session.projector else "the plate's origin"
+    return (
+        "Fringes fix the line on which the projector stands, not the place along it; what is given is the point of "
+        f"that line nearest to {origin}."
+    )
+
+
+def _parameters_table(calibration: RigCalibration) -> Table:
+    cut, end = len(CAMERA_NAMES), len(CAMERA_NAMES) + len(RIG_NAMES)
+    u = np.sqrt(np.diag(calibration.covariance)[cut:end])
+    frame = pd.DataFrame(
+        {
+            "parameter": RIG_NAMES,
+            "value": calibration.model.parameters,
+            "u": u,
+            "unit": [_UNITS[name] for name in RIG_NAMES],
+        }
+    )
+    note = "phase = (nx x + ny y + nz z + n0) / (dx x + dy y + dz z + 1) + smooth plate residual"
+    return Table("Rig parameters", frame, note, {"value": ".7g", "u": ".2g"})
+
+
+def projector_estimates(calibration: RigCalibration) -> tuple[Estimate, ...]:
+    """Return x, y and z of the projector's point, mm; none where its light is parallel."""
+    if not np.all(np.isfinite(calibration.model.projector_mm)):
+        return ()
+    return tuple(
+        calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
+        for i, axis in enumerate("xyz")
+    )
+
+
+def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
+    """Tabulate the projector's point beside where the session says it stands."""
+    fitted = projector_estimates(found.calibration)
+    if not fitted:
+        return ()
+    frame = pd.DataFrame(
+        {"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": [e.u for e in fitted]}
+    )
+    if found.session.projector is not None:
+        position = found.session.projector.position_mm
+        frame["stated / mm"], frame["u(stated) / mm"] = position.array(3), position.u_array(3)
+        frame["difference / mm"] = frame["fitted / mm"] - frame["stated / mm"]
+        both = np.hypot(frame["u / mm"], frame["u(stated) / mm"])
+        frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
+    formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+.1f", "En": "+.2f"}
+    formats |= dict.fromkeys(("u / mm", "u(stated) / mm"), ".2g")
+    return (
+        Table(
+            "Position of the projector", frame, "plate frame; along its line the fit follows what is stated", formats
+        ),
+    )
+
+
+def _residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureItem, ...]:
+    """Draw each residual on the scale of the points which the fit kept: what it rejected stands out."""
+    strips = scattered(maps.strips, found.plate_phase_rad.shape, maps.cell_px)
+    shown = (
+        ("Phase residual on the plate", maps.plate_rad, symmetric_limit(maps.plate_rad)),
+        ("Phase residual on the strips", strips, symmetric_limit(np.concatenate(found.fit.residuals[1:]))),
+    )
+    items = [
+        FigureItem(
+            caption,
+            residual_map(values, limit_rad=limit, step_px=maps.cell_px, title=f"means over {maps.cell_px} px"),
+            f"Map in the camera's picture on a scale of plus and minus {limit:.3f} rad, which "
+            f"{100 * float(np.mean(np.abs(values[np.isfinite(values)]) > limit)):.1f} % of its values exceed.",
+            "png",
+        )
+        for caption, values, limit in shown
+    ]
+    smooth = residual_map(maps.smooth_rad, label="plate residual / rad", step_px=maps.cell_px)
+    alt = f"Smooth map in the camera's picture, at most {float(np.nanmax(np.abs(maps.smooth_rad))):.3f} rad."
+    return (*items, FigureItem("Smooth plate residual taken up by the model", smooth, alt, "png"))
+
+
+def _drawing(found: Commissioning) -> tuple[FigureItem, ...]:
+    """Draw the rig to scale; parallel light has no place to draw."""
+    projector = projector_estimates(found.calibration)
+    if not projector:
+        return ()
+    camera = found.calibration.camera
+    eye = None
+    if not camera.telecentric:
+        u_height = math.sqrt(camera.covariance[-1, -1])
+        eye = Pupil("camera", camera.position_mm, np.array([0.0, 0.0, u_height]))
+    stated = None
+    if found.session.projector is not None:
+        position = found.session.projector.position_mm
+        stated = Pupil("projector, stated", position.array(3), position.u_array(3))
+    place = np.array([e.value for e in projector])
+    figure = rig_drawing(
+        field_mm(found.calibration),
+        Pupil("projector, fitted", place, np.array([e.u for e in projector])),
+        eye,
+        stated_projector=stated,
+        title=found.session.rig,
+    )
+    where = ", ".join(f"{value:.0f}" for value in place)
+    alt = f"Side view and plan of the rig: projector at ({where}) mm, camera above the plate, rays to the corners."
+    return (FigureItem("The rig to scale", figure, alt),)
+
+
+def field_mm(calibration: RigCalibration) -> tuple[float, float, float, float]:
+    """Return x_min, x_max, y_min, y_max of the field on the plate, mm."""
+    camera = calibration.camera
+    corners = camera.rays(
+        np.array([0.0, camera.width_px - 1, 0.0, camera.width_px - 1]),
+        np.array([0.0, 0.0, camera.height_px - 1, camera.height_px - 1]),
+    )
+    return float(corners.ax.min()), float(corners.ax.max()), float(corners.ay.min()), float(corners.ay.max())
