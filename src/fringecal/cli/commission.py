@@ -69,5 +69,9 @@ def _table(estimates) -> Table:  # type: ignore[no-untyped-def]
     for name, estimate in estimates.items():
         label = f"scale, {name}" if estimate.unit == "mm/px" else f"projection {name}"
         values = (estimate.value, estimate.u, estimate.expanded().U)
-        table.add_row(label.replace("projection apparent", "apparent projection"), *(f"{v:.5f}" for v in values), escape(estimate.unit))
+        table.add_row(
+            label.replace("projection apparent", "apparent projection"),
+            *(f"{v:.5f}" for v in values),
+            escape(estimate.unit),
+        )
     return table

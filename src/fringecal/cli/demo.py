@@ -65,17 +65,24 @@ def demo(
     console.print(_table(table))
     for capture in real:
         console.print(
-            f"real: {capture.name}: period {capture.period.period_px:.1f} px, "
+            f"real: {capture.name}: {capture.where} period {capture.period.period_px:.1f} px, "
             f"{100 * capture.phase.map.valid.mean():.0f} % valid",
-            markup=False, highlight=False, soft_wrap=True,
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
         )
-    console.print(f"{time.perf_counter() - started:.0f} s; report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+    console.print(
+        f"{time.perf_counter() - started:.0f} s; report: {out / 'report.html'}",
+        markup=False,
+        highlight=False,
+        soft_wrap=True,
+    )
     if browser and sys.stdout.isatty():
         webbrowser.open((out / "report.html").absolute().as_uri())
 
 
 def _real_folders() -> list[Path]:
-    """Real captures kept in the source tree; an installed package has none, and the demonstration says nothing of them."""
+    """Real captures of the source tree; an installed package has none, and the demonstration goes without."""
     data = Path(__file__).resolve().parents[3] / "tests" / "data"
     return [data / name for name in _REAL if (data / name / "session.toml").is_file()]
 
@@ -104,7 +111,7 @@ def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[n
         )
         write_verification(record, staging)
     with result_folder(out / "leaf", last="report.html") as staging:
-        write_surfaces(staging, found.leaf.surface)
+        write_surfaces(staging, found.leaf.surface, stride=2)
         write_report(measurement_report(found.leaf, command=line, created=now), staging)
 
 

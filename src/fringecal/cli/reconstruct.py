@@ -50,9 +50,7 @@ def reconstruct(
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
         loaded = load_session(session)
-        found = run(
-            loaded, capture or None, rig, model=model, height_range_mm=_range(lowest, highest), progress=show
-        )
+        found = run(loaded, capture or None, rig, model=model, height_range_mm=_range(lowest, highest), progress=show)
         show("writing surfaces and report")
         report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC))
         with result_folder(out, last="report.html") as staging:
@@ -77,7 +75,9 @@ def reconstruct(
         f"{summary['u_z_median_mm']:.4f} mm, {100 * found.shares()['valid']:.1f} % of the picture valid",
         highlight=False,
     )
-    console.print(f"surface: {summary['height']}\nreport: {summary['report']}", markup=False, highlight=False, soft_wrap=True)
+    console.print(
+        f"surface: {summary['height']}\nreport: {summary['report']}", markup=False, highlight=False, soft_wrap=True
+    )
 
 
 def _range(lowest: float | None, highest: float | None) -> tuple[float, float] | None:

@@ -44,9 +44,7 @@ def verify(
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
         loaded = load_session(session)
-        found = run(
-            loaded, capture or None, rig, rows_px=_rows(rows), with_filters=filters, progress=show
-        )
+        found = run(loaded, capture or None, rig, rows_px=_rows(rows), with_filters=filters, progress=show)
         record = verification_record(found, loaded, _record_file(calibration), command=command)
         show("writing the report")
         report = verification_report(found, command=" ".join(command), created=datetime.now(UTC))
@@ -85,6 +83,13 @@ def _table(errors) -> Table:  # type: ignore[no-untyped-def]
         numbers = (p.mean_mm, p.sd_mm, p.max_abs_mm)
         percents = (f"{p.mean_percent:+.3f}", f"{p.max_percent:.3f}")
         table.add_row(
-            p.name, f"{p.row_px:.0f}", f"{p.y_mm:.1f}", str(p.n), *(f"{v:.4f}" for v in numbers), *percents, f"{p.u_mm:.4f}", en
+            p.name,
+            f"{p.row_px:.0f}",
+            f"{p.y_mm:.1f}",
+            str(p.n),
+            *(f"{v:.4f}" for v in numbers),
+            *percents,
+            f"{p.u_mm:.4f}",
+            en,
         )
     return table

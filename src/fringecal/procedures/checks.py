@@ -9,7 +9,9 @@ if TYPE_CHECKING:
     from fringecal.procedures.commission import Commissioning
 
 # Defaults that a sound rig keeps; a lab's own limits will take their place.
-PLATE_RESIDUAL_LIMIT_RAD = 0.10  # 1.6 % of a fringe: beyond it the plate is no plane or the frames do not belong together
+PLATE_RESIDUAL_LIMIT_RAD = (
+    0.10  # 1.6 % of a fringe: beyond it the plate is no plane or the frames do not belong together
+)
 GRID_RESIDUAL_LIMIT_PX = 0.30
 EN_LIMIT = 1.0
 ANGLE_U_LIMIT_DEG = 0.5  # 1.8 % of a height at 50 deg
@@ -45,4 +47,6 @@ def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
 
 def _below(name: str, value: float, limit: float, unit: str, *, u: float = 0.0) -> Check:
     outcome = decide(value, u, upper=limit).outcome
-    return Check(name=name, value=value, limit=limit, u=u, unit=unit, decision=outcome, rule="value + guard band <= limit")
+    return Check(
+        name=name, value=value, limit=limit, u=u, unit=unit, decision=outcome, rule="value + guard band <= limit"
+    )

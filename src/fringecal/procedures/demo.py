@@ -16,6 +16,11 @@ from fringecal.session import Session
 
 Progress = Callable[[str], None]
 
+#: Plain parts of the real scenes (rows, columns in px), where the stated fringe periods hold.
+PLAIN_PARTS = {
+    "fpp_tools": ("board", slice(255, 275), slice(100, 700)),
+}
+
 #: What the thesis of 2008 states: scale in mm/px, angle in deg, largest height error in percent.
 THESIS = {"scale": 0.734, "angle": 50.7, "height_error": 7.2}
 
@@ -42,9 +47,10 @@ class Demonstration:
 
 @dataclass(frozen=True)
 class RealCapture:
-    """A real phase-shifted set: its phase map and what it shows."""
+    """A real phase-shifted set: its phase map, and the fringe period where its scene is a plain board or wall."""
 
     name: str
+    where: str
     phase: CapturePhase
     period: FringePeriod
 
@@ -63,9 +69,9 @@ def read_real(session: Session, *, progress: Progress = lambda _: None) -> tuple
     for capture in session.captures.values():
         progress(f"real capture {session.rig}: {capture.name}")
         phase = phase_of_capture(capture)
-        captures.append(
-            RealCapture(f"{session.rig} {capture.name}", phase, fringe_period(phase.map.phase, phase.map.valid))
-        )
+        where, rows, columns = PLAIN_PARTS.get(session.rig, ("median", slice(None), slice(None)))
+        period = fringe_period(phase.map.phase[rows, columns], phase.map.valid[rows, columns])
+        captures.append(RealCapture(f"{session.rig} {capture.name}", where, phase, period))
     return tuple(captures)
 
 
@@ -74,16 +80,19 @@ def result_table(found: Demonstration) -> pd.DataFrame:
     calibration, errors = found.commissioning, found.verification.errors
     scales, truth = calibration.camera.scales, found.truth
     constant = found.verification.models["constant-angle"]
+    mean, horizontal, vertical = (scales[name] for name in ("mean", "horizontal", "vertical"))
+    angle, none, share = calibration.angle, math.nan, "% of height"
+    thesis_error = THESIS["height_error"]
     rows = [
-        ("mean scale", scales["mean"].value, scales["mean"].u, (truth.scale_h + truth.scale_v) / 2, THESIS["scale"], "mm/px"),
-        ("horizontal scale", scales["horizontal"].value, scales["horizontal"].u, truth.scale_h, math.nan, "mm/px"),
-        ("vertical scale", scales["vertical"].value, scales["vertical"].u, truth.scale_v, math.nan, "mm/px"),
-        ("projection angle at the origin", calibration.angle.value, calibration.angle.u, truth.angle_deg, THESIS["angle"], "deg"),
-        ("zig-zag, mean error", errors.pooled.mean_percent, _percent(found, errors.pooled.u_mm), 0.0, math.nan, "% of height"),
-        ("zig-zag, mean of the largest errors", _mean_of_max(found, "projective"), math.nan, 0.0, THESIS["height_error"], "% of height"),
-        ("the same with one constant angle", _mean_of_max(found, "constant-angle"), math.nan, 0.0, THESIS["height_error"], "% of height"),
-        ("the same, largest of all profiles", constant.pooled.max_percent, math.nan, 0.0, math.nan, "% of height"),
-        ("leaf, mean height error", _leaf_error(found), _leaf_u(found), 0.0, math.nan, "mm"),
+        ("mean scale", mean.value, mean.u, (truth.scale_h + truth.scale_v) / 2, THESIS["scale"], "mm/px"),
+        ("horizontal scale", horizontal.value, horizontal.u, truth.scale_h, none, "mm/px"),
+        ("vertical scale", vertical.value, vertical.u, truth.scale_v, none, "mm/px"),
+        ("projection angle at the origin", angle.value, angle.u, truth.angle_deg, THESIS["angle"], "deg"),
+        ("zig-zag, mean error", errors.pooled.mean_percent, _percent(found, errors.pooled.u_mm), 0.0, none, share),
+        ("zig-zag, mean of the largest errors", _mean_of_max(found, "projective"), none, 0.0, thesis_error, share),
+        ("the same with one constant angle", _mean_of_max(found, "constant-angle"), none, 0.0, thesis_error, share),
+        ("the same, largest of all profiles", constant.pooled.max_percent, none, 0.0, none, share),
+        ("leaf, mean height error", _leaf_error(found), _leaf_u(found), 0.0, none, "mm"),
     ]
     return pd.DataFrame(rows, columns=["quantity", "measured", "u", "true", "thesis 2008", "unit"])
 

@@ -66,7 +66,7 @@ def reconstruct(
     surface = reconstruct_height(phase.map, calibration, model=model, height_range_mm=height_range_mm)
     if not surface.mask.any():
         raise FitError(
-            f"capture {capture.name!r}: no part of the picture could be given a fringe order, because no connected part "
+            f"capture {capture.name!r}: no part of the picture could be given a fringe order, as no connected part "
             "of it shows the plate. Leave some plate visible beside the object, or state its height range."
         )
     return Measurement(capture, phase, surface, model)

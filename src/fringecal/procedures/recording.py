@@ -73,8 +73,8 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
     """
     if written.camera.names != CAMERA_NAMES or written.rig.parameter_names != RIG_NAMES:
         raise RecordError(
-            "the record's camera or rig parameters are not those that this version knows; use the version that wrote it "
-            f"({written.software.get('fringecal', 'unknown')})"
+            "the record's camera or rig parameters are not those that this version knows; use the version "
+            f"that wrote it ({written.software.get('fringecal', 'unknown')})"
         )
     camera = PlateCamera(
         np.array(written.camera.parameters),
@@ -145,9 +145,7 @@ def budget_rows(contributions: Mapping[str, float]) -> tuple[BudgetRow, ...]:
     """Return budget rows, the largest first; contributions are in the unit of the result."""
     total = sum(c**2 for c in contributions.values()) or 1.0
     rows = sorted(contributions.items(), key=lambda item: -abs(item[1]))
-    return tuple(
-        BudgetRow(label=label, u=abs(c), contribution=abs(c), percent=100 * c**2 / total) for label, c in rows
-    )
+    return tuple(BudgetRow(label=label, u=abs(c), contribution=abs(c), percent=100 * c**2 / total) for label, c in rows)
 
 
 def _matrix(values: Array) -> tuple[tuple[float, ...], ...]:
@@ -257,8 +255,7 @@ def _targets_of(session: Session) -> dict[str, dict[str, Any]]:
 
 
 def _profile_record(profile: ProfileErrors) -> ProfileRecord:
-    keys = ("name", "row_px", "y_mm", "n", "mean_mm", "sd_mm", "max_abs_mm", "mean_percent", "max_percent", "u_mm", "en")
-    return ProfileRecord(**{key: getattr(profile, key) for key in keys})
+    return ProfileRecord(**{key: getattr(profile, key) for key in ProfileRecord.model_fields})
 
 
 def _pooled(errors: ZigzagErrors) -> dict[str, float]:

@@ -110,7 +110,7 @@ def demand_same_picture(capture: Capture, calibration: RigCalibration) -> None:
     if tuple(capture.shape) != size:
         raise SessionError(
             [
-                f"capture {capture.name!r}: pictures of {capture.shape[1]} x {capture.shape[0]} px, but the calibration "
+                f"capture {capture.name!r}: pictures of {capture.shape[1]} x {capture.shape[0]} px, the calibration "
                 f"is for {size[1]} x {size[0]} px; use pictures of the same camera, uncropped"
             ]
         )

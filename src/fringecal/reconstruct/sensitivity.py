@@ -75,7 +75,8 @@ class Sensitivities:
     def _bases(self) -> tuple[Array, Array]:
         degree = self.coefficients.shape[2] - 1
         rows, columns = (np.linspace(-1, 1, n) for n in self.shape)
-        return chebyshev.chebvander(rows, degree), chebyshev.chebvander(columns, degree)
+        along_v, along_u = chebyshev.chebvander(rows, degree), chebyshev.chebvander(columns, degree)
+        return along_v.astype(np.float64), along_u.astype(np.float64)
 
 
 def height_sensitivities(

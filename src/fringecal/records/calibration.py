@@ -207,7 +207,7 @@ class CalibrationRecord(Provenance):
         terms = len(self.rig.plate_residual.coefficients) if self.rig.plate_residual else 0
         for mode in self.rig.modes:
             if len(mode.effect) != sum(shape) + terms:
-                raise ValueError(f"rig.modes: {mode.label!r} needs {sum(shape) + terms} effects, has {len(mode.effect)}")
+                raise ValueError(f"rig.modes: {mode.label!r} needs {sum(shape) + terms} effects")
         return self
 
 
