@@ -24,8 +24,11 @@ VERBS = (
 )
 
 
-def build_app() -> typer.Typer:
-    """Assemble the command from one module per verb, each of which has `register(app)`."""
+def build_app(only: str | None = None) -> typer.Typer:
+    """Assemble the command from one module per verb, each of which has `register(app)`.
+
+    With `only`, the name of a verb, the other verbs' libraries are not loaded: the command starts at once.
+    """
     app = typer.Typer(
         name="fringecal",
         help="Calibration and metrology of fringe-projection rigs.",
@@ -41,7 +44,7 @@ def build_app() -> typer.Typer:
             print(f"fringecal {__version__}")
             raise typer.Exit(EXIT_PASS)
 
-    for verb in VERBS:
+    for verb in (only,) if only in VERBS else VERBS:
         importlib.import_module(f"fringecal.cli.{verb}").register(app)
     return app
 
@@ -49,7 +52,8 @@ def build_app() -> typer.Typer:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance."""
     try:
-        build_app()(args=arguments)
+        given = sys.argv[1:] if arguments is None else arguments
+        build_app(given[0] if given else None)(args=given)
     except FringecalError as error:
         complain(error)
         sys.exit(EXIT_ERROR)

@@ -3,18 +3,22 @@
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from fringecal.cli.console import console
-from fringecal.procedures.report_parts import figures_of, tables_of
-from fringecal.records.files import write_bytes, write_table
-from fringecal.report.html import write_html
-from fringecal.report.structure import Report
+
+if TYPE_CHECKING:
+    from fringecal.report.structure import Report
 
 REPORT_FILE = "report.html"
 
 
-def write_report(report: Report, folder: Path) -> None:
+def write_report(report: "Report", folder: Path) -> None:
     """Write a report with its tables as CSV and its figures beside it."""
+    from fringecal.procedures.report_parts import figures_of, tables_of
+    from fringecal.records.files import write_bytes, write_table
+    from fringecal.report.html import write_html
+
     for name, frame in tables_of(report).items():
         write_table(_made(folder / "tables") / name, frame)
     for name, content in figures_of(report).items():
