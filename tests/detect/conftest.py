@@ -31,7 +31,7 @@ class VirtualGrid:
         x_seen = (u - (width - 1) / 2) / self.focal_px
         y_seen = (v - (height - 1) / 2) / self.focal_px
         x, y = x_seen, y_seen
-        for _ in range(40 if self.k1 else 0):
+        for _ in range(16 if self.k1 else 0):
             scale = 1 + self.k1 * (x * x + y * y)
             x, y = x_seen / scale, y_seen / scale
         w = 1 + self.tilt[0] * x + self.tilt[1] * y

@@ -269,8 +269,9 @@ def _report(detection: GridDetection, problem: _Problem, plain: Any, full: Any) 
 
 def _largest_displacement(problem: _Problem, full: Any) -> Estimate:
     """Radial displacement at the outermost crossing, px, with u from the covariance of the radial terms."""
-    centre = np.array(_lens(full.params, problem).centre_px)
-    radius = float(np.hypot(*(problem.points - centre).T).max()) / problem.half_diagonal
+    lens = _lens(full.params, problem)
+    ideal = lens.undistort(problem.points) - lens.centre_px
+    radius = float(np.hypot(ideal[:, 0], ideal[:, 1]).max()) / problem.half_diagonal
     names = [name for name in full.var_names if name.startswith("k")]
     gradient = np.array([problem.half_diagonal * radius ** (2 * int(name[1]) + 1) for name in names])
     value = float(gradient @ [full.params[name].value for name in names])

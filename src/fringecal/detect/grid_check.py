@@ -5,9 +5,8 @@ import numpy as np
 import numpy.typing as npt
 
 from fringecal.detect.grid_lattice import Lattice
-from fringecal.detect.grid_nodes import along, edges_between
+from fringecal.detect.grid_nodes import Edges, along, edges_between
 from fringecal.detect.grid_seeds import CoarseGrid
-from fringecal.detect.line_points import cut_patches, measure_points
 from fringecal.detect.line_profile import LineProfile
 from fringecal.errors import DetectionError
 
@@ -20,6 +19,8 @@ MAX_CANDIDATE_EDGES = 800
 MIN_PATTERN = 25
 MAX_RELATIVE_WIDTH = 0.55
 MIN_MIDDLE_CONTRAST = 0.6
+# Places on an edge, as parts of its length, that are clear of both crossings.
+THIRDS = ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7))
 
 
 def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -> CoarseGrid:
@@ -75,36 +76,32 @@ def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tupl
         edges = edges_between(nodes, family)
         if len(edges.line) < 4 or full <= 0:
             return 0.0, 0.0
-        pick = np.unique(np.linspace(0, len(edges.line) - 1, MAX_CANDIDATE_EDGES).astype(int))
-        ends = edges.start[pick], edges.end[pick]
-        contrast = _edge_contrast(np.float32(candidate.sign) * grey, *ends, edges.spacing[pick])
+        contrast = _contrast_at_thirds(grey, edges, candidate.sign, peak=True).min(axis=0)
         present = min(present, float(np.mean(contrast > MIN_RELATIVE_EDGE * full)))
         typical = min(typical, float(np.median(contrast)))
     return present, typical
 
 
-def _edge_contrast(
-    bright: npt.NDArray[np.float32], start: FloatArray, end: FloatArray, spacing: FloatArray
-) -> FloatArray:
-    """Brightness on an edge less that 3/8 of the spacing beside it: the least of three places on it."""
-    step = end - start
+def _contrast_at_thirds(grey: npt.NDArray[np.float32], edges: Edges, sign: int, *, peak: bool) -> FloatArray:
+    """Signed brightness on edges less that 3/8 of the spacing beside them, at three places (3, n) on each.
+
+    On the edge it is the peak or the mean within a tenth of the spacing.
+    """
+    pick = np.unique(np.linspace(0, len(edges.line) - 1, MAX_CANDIDATE_EDGES).astype(int))
+    start, step, spacing = edges.start[pick], (edges.end - edges.start)[pick], edges.spacing[pick]
     normal = np.stack([-step[:, 1], step[:, 0]], axis=1)
     normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
     # Close enough samples not to step over a line one pixel wide.
     central = np.linspace(-0.1, 0.1, max(5, int(0.3 * np.median(spacing))))
     across = np.concatenate([[-0.4, -0.35, -0.3], central, [0.3, 0.35, 0.4]])
     thirds = []
-    for third in ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7)):
-        sections = np.mean(
-            [
-                _sampled(bright, (start + t * step)[:, None, :] + across[None, :, None] * normal[:, None, :])
-                for t in third
-            ],
-            axis=0,
-        )
+    for third in THIRDS:
+        middle = [(start + t * step)[:, None, :] + across[None, :, None] * normal[:, None, :] for t in third]
+        sections = sign * np.mean([_sampled(grey, at) for at in middle], axis=0)
         beside = 0.5 * (sections[:, :3].mean(axis=1) + sections[:, -3:].mean(axis=1))
-        thirds.append(sections[:, 3:-3].max(axis=1) - beside)
-    return np.min(thirds, axis=0)
+        inside = sections[:, 3:-3]
+        thirds.append((inside.max(axis=1) if peak else inside.mean(axis=1)) - beside)
+    return np.array(thirds)
 
 
 def _sampled(grey: npt.NDArray[np.float32], at: FloatArray) -> FloatArray:
@@ -136,27 +133,10 @@ def refuse_other_patterns(grey: npt.NDArray[np.float32], nodes: FloatArray, prof
     for family in (0, 1):
         edges = edges_between(nodes, family)
         spacing = float(np.median(edges.spacing))
-        middle = _middle_contrast(grey, nodes, family, profile, sign)
-        if middle < MIN_MIDDLE_CONTRAST or profile.width_px > MAX_RELATIVE_WIDTH * spacing:
+        first, middle, last = np.median(_contrast_at_thirds(grey, edges, sign, peak=False), axis=1)
+        pinched = middle < MIN_MIDDLE_CONTRAST * 0.5 * (first + last)
+        if pinched or profile.width_px > MAX_RELATIVE_WIDTH * spacing:
             raise DetectionError(f"no line grid found: the picture shows {_other_pattern(grey, nodes, sign)}")
-
-
-def _middle_contrast(
-    grey: npt.NDArray[np.float32], nodes: FloatArray, family: int, profile: LineProfile, sign: int
-) -> float:
-    """Contrast of the lines mid-way between crossings relative to that nearer to them (1 if unresolved)."""
-    edges = edges_between(nodes, family)
-    patches = cut_patches(edges.start, edges.end, edges.spacing, profile)
-    count = np.bincount(patches.edge, minlength=len(edges.line))[patches.edge]
-    if np.median(count) < 3:
-        return 1.0
-    points = measure_points(grey, patches, profile, sign)
-    middle = 0.5 * (edges.start + edges.end)[patches.edge]
-    away = np.hypot(*(patches.centre - middle).T) / (count * patches.half_length)
-    inner, outer = points.contrast[away < 0.4], points.contrast[away > 0.6]
-    if not inner.size or not outer.size or np.median(outer) <= 0:
-        return 1.0
-    return float(np.median(inner) / np.median(outer))
 
 
 def _other_pattern(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) -> str:

@@ -52,8 +52,8 @@ class SmoothMap:
 
     def basis(self, row: IndexArray, column: IndexArray, degree: int) -> FloatArray:
         """Values (n, (degree + 1)^2) of all products of Legendre polynomials at the indices."""
-        values: FloatArray = legendre.legvander2d(*self._unit(row, column), [degree, degree])
-        return values
+        y, x = self._unit(row, column)
+        return np.asarray(legendre.legvander2d(y, x, [degree, degree]), dtype=float)
 
     def _unit(self, row: IndexArray, column: IndexArray) -> tuple[FloatArray, FloatArray]:
         return (row - self.middle[0]) / self.half[0], (column - self.middle[1]) / self.half[1]

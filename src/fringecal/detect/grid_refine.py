@@ -141,7 +141,8 @@ def _local_lines(
     status = mark_outliers(points.status, residual)
     good = status == LineStatus.OK
     scatter = robust_sd(residual[good] / points.sigma_px[good])
-    sigma = np.maximum(points.sigma_px * scatter, MIN_SIGMA_PX)
+    sigma = np.full_like(points.sigma_px, np.inf)
+    sigma[good] = np.maximum(points.sigma_px[good] * scatter, MIN_SIGMA_PX)
     return replace(points, status=status, sigma_px=sigma), fit_local_lines(grid, family, seen, sigma, good)
 
 

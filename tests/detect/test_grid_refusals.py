@@ -1,0 +1,68 @@
+"""What is no line grid is refused, and the message says what was seen."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fringecal.detect.grid import find_grid
+from fringecal.errors import DetectionError
+
+DATA = Path(__file__).parents[1] / "data" / "discorpy_grids"
+
+
+def noise():
+    return np.random.default_rng(0).normal(128, 20, (300, 400))
+
+
+def brick_wall():
+    picture = np.full((300, 400), 160.0)
+    picture[::25] = picture[1::25] = 90
+    for row in range(12):
+        columns = np.arange(25 * (row % 2), 400, 50)
+        for shift in (0, 1):
+            picture[25 * row : 25 * row + 25, np.minimum(columns + shift, 399)] = 90
+    return picture + np.random.default_rng(1).normal(0, 2, picture.shape)
+
+
+def fringes():
+    return 128 + 80 * np.cos(np.arange(400) / 3.0)[None, :] * np.ones((300, 1))
+
+
+def blank_paper():
+    v, u = np.mgrid[:300, :400]
+    return 200 - 0.1 * u + 0.05 * v + np.random.default_rng(2).normal(0, 1.5, (300, 400))
+
+
+@pytest.mark.parametrize("scene", [noise, brick_wall, fringes, blank_paper])
+def test_no_grid(scene):
+    with pytest.raises(DetectionError, match="no (line )?grid found"):
+        find_grid(scene())
+
+
+def test_chessboard_is_named():
+    v, u = np.mgrid[:300, :400]
+    board = np.where((u // 30 + v // 30) % 2, 220.0, 40.0)
+    with pytest.raises(DetectionError, match="chessboard"):
+        find_grid(cv2.GaussianBlur(board, (0, 0), 0.8) + np.random.default_rng(4).normal(0, 2, board.shape))
+
+
+def test_dots_are_named():
+    with pytest.raises(DetectionError, match="dots"):
+        find_grid(cv2.imread(str(DATA / "dot_pattern_05_crop.png"), cv2.IMREAD_GRAYSCALE))
+
+
+@pytest.mark.parametrize(
+    ("picture", "reason"),
+    [
+        (np.zeros((300, 400), np.uint8), "one single brightness"),
+        (np.zeros((300, 400, 3), np.uint8), "grey picture"),
+        (np.zeros((10, 400), np.uint8), "too small"),
+        (np.full((300, 400), np.nan), "NaN"),
+        (np.zeros((0, 0)), "too small"),
+    ],
+)
+def test_unusable_pictures(picture, reason):
+    with pytest.raises(DetectionError, match=reason):
+        find_grid(picture)
