@@ -19,7 +19,6 @@ _FINE_SAMPLE = 120_000
 _BEST_DIRECTIONS = 10
 _STRETCH = 0.035  # how far the gaps as laid may differ from the target's
 _LEAST_CONTRAST = 0.12
-_LENGTH_BINS = 200
 
 
 @dataclass(frozen=True)
@@ -33,10 +32,6 @@ class Pixels:
     def across(self, direction_rad: float) -> Array:
         """Coordinate along a direction."""
         return self.u_px * math.cos(direction_rad) + self.v_px * math.sin(direction_rad)
-
-    def along(self, direction_rad: float) -> Array:
-        """Coordinate at right angles to a direction."""
-        return self.v_px * math.cos(direction_rad) - self.u_px * math.sin(direction_rad)
 
     def sample(self, number: int) -> "Pixels":
         """Return a seeded draw of the pixels: a stride would beat with the strips."""
@@ -220,31 +215,3 @@ def refined_edges(pixels: Pixels, comb: Comb, reach_px: float) -> Array:
                 float(np.sum(np.arange(low, high) * weights) / weights.sum()) + 0.5
             )
     return edges
-
-
-def find_ends(
-    pixels: Pixels, comb: Comb, edges_px: tuple[float, float], length_px: float
-) -> tuple[float, float]:
-    """Return where along its length a strip begins and ends; infinite where that is beyond the picture."""
-    low, high = edges_px
-    across = pixels.across(comb.direction_rad)
-    rim = 0.2 * (high - low)
-    inside = (across > low + rim) & (across < high - rim)
-    along = pixels.along(comb.direction_rad)
-    extent = float(np.ptp(along))
-    if not math.isfinite(length_px) or np.count_nonzero(inside) < 50:
-        return -math.inf, math.inf
-    profile = _Profile.of(along[inside], pixels.likeness[inside], max(extent / _LENGTH_BINS, 1.0))
-    visible = (profile.number.size - 1) * profile.bin_px
-    place = np.arange(profile.start_px - 0.5 * length_px, profile.start_px + visible, profile.bin_px)
-    number, plate = profile.split(place[:, None], place[:, None] + length_px)
-    outside = profile.number[-1] - number
-    contrast = (profile.total[-1] - plate) / np.maximum(outside, 1) - plate / np.maximum(number, 1)
-    score = np.where(contrast > 0, number * outside * contrast**2, -1.0)
-    best = int(np.argmax(score))
-    if outside[best] < 1 or contrast[best] < 0.3:
-        return -math.inf, math.inf
-    return float(place[best]), float(place[best] + length_px)
-
-
-__all__ = ["Comb", "Pixels", "find_comb", "find_ends", "refined_edges"]

@@ -8,11 +8,12 @@ Everything here is in pixels.
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from fringecal.detect.strip_comb import Comb, Pixels, find_comb, find_ends, refined_edges
+from fringecal.detect.strip_comb import Comb, Pixels, find_comb, refined_edges
 from fringecal.errors import DetectionError
 
 Array = NDArray[np.float64]
@@ -25,6 +26,8 @@ _SIZE_TOLERANCE = 0.15  # of a strip's width, besides two px, before the target 
 _SEEN_CONTRAST = 0.35  # a strip with less of the others' contrast is not there, or shows a whole fringe
 _LEAST_PLATE = 0.45  # share of plate pixels in the gaps that must agree with the reference
 _LEAST_PIXELS = 400
+_REFINE_SAMPLE = 500_000
+_TABLE_PX = 0.25  # resolution at which the coordinate across is turned into labels
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,6 @@ def find_strips(
     count: int,
     width_px: ArrayLike,
     gap_px: ArrayLike,
-    length_px: float = math.inf,
     margin_px: float = 2.0,
     straight_px: tuple[Array, Array] | None = None,
 ) -> StripRegions:
@@ -73,13 +75,18 @@ def find_strips(
         Phase of the strips' picture minus phase of the bare plate, any multiple of 2 pi, shape (H, W).
     valid
         Pixels where both phases are trustworthy.
-    count, width_px, gap_px, length_px
-        The strips' number, widths (one, or one each), gaps (one, or one less than strips) and length.
+    count, width_px, gap_px
+        The strips' number, widths (one, or one each) and gaps (one, or one less than strips).
     margin_px
         Half-width of the zone at each edge that is given to neither side, besides a tenth of the width.
     straight_px
         Maps of the coordinates (u, v) in which strips are straight, where a lens or a tilt bends them in the
         picture; by default the pixels' own.
+
+    Notes
+    -----
+    Where the step passes a whole fringe a strip looks like plate, as does the plate beyond a strip's end: both are
+    given to no strip, so that nothing need be known of the strips' length.
 
     Raises
     ------
@@ -90,28 +97,18 @@ def find_strips(
     layout = strip_layout(count, width_px, gap_px)
     u, v = _coordinates(step.shape) if straight_px is None else straight_px
     least = float(min(np.diff(layout, axis=1).min(), *(layout[1:, 0] - layout[:-1, 1]), math.inf))
-    coarse = _plate_likeness(step, usable, u, v, max(1, int(least / _SEARCH_WIDTH_PX)))
+    factor = max(1, int(least / _REFINE_WIDTH_PX))
+    unchanged = _likeness(step, usable, factor)
+    fine = _pixels(unchanged, u, v, factor)
+    coarser = max(1, int(least / _SEARCH_WIDTH_PX))
+    coarse = fine if coarser == factor else _pixels(_likeness(step, usable, coarser), u, v, coarser)
     comb = find_comb(coarse, layout, least)
-    fine = _plate_likeness(step, usable, u, v, max(1, int(least / _REFINE_WIDTH_PX)))
+    fine = fine.sample(_REFINE_SAMPLE)
     edges = refined_edges(fine, comb, 0.3 * least)
     seen = _seen(fine, comb, edges, layout)
     across = u * math.cos(comb.direction_rad) + v * math.sin(comb.direction_rad)
-    along = v * math.cos(comb.direction_rad) - u * math.sin(comb.direction_rad)
-    labels = np.zeros(step.shape, dtype=np.int16)
-    for number in np.flatnonzero(seen):
-        low, high = edges[number]
-        margin = min(margin_px + 0.1 * (high - low), 0.35 * (high - low))
-        first, last = find_ends(fine, comb, (low, high), length_px)
-        near = (
-            (across > low - margin)
-            & (across < high + margin)
-            & (along > first - margin)
-            & (along < last + margin)
-        )
-        inside = (across > low + margin) & (across < high - margin)
-        inside &= (along > first + margin) & (along < last - margin)
-        labels[near] = EDGE
-        labels[inside] = number + 1
+    labels = _labels(across, edges, seen, margin_px)
+    labels[(labels > 0) & _spread(unchanged, step.shape, margin_px, factor)] = EDGE
     labels[~usable] = EDGE
     return StripRegions(labels, (math.degrees(comb.direction_rad) + 90.0) % 180.0, across, edges)
 
@@ -153,37 +150,67 @@ def _coordinates(shape: tuple[int, ...]) -> tuple[Array, Array]:
     return u, v
 
 
-def _plate_likeness(step: Array, usable: Mask, u: Array, v: Array, factor: int) -> Pixels:
-    """Tell for blocks of `factor` px how well the phase there agrees with the bare plate, from 0 to 1.
+def _pixels(unchanged: tuple[Array, Mask], u: Array, v: Array, factor: int) -> Pixels:
+    """Gather the blocks whose likeness to plate is known."""
+    likeness, known = unchanged
+    return Pixels(_reduced(u, factor)[known], _reduced(v, factor)[known], likeness[known])
 
-    On a strip the step may be anything, even a whole fringe along some line, so only its absence is judged: over
-    the noise, and over what the plate as a whole has drifted.
+
+def _likeness(step: Array, usable: Mask, factor: int) -> tuple[Array, Mask]:
+    """Map the agreement with the bare plate, 0 to 1, and where it is known.
+
+    On a strip the step may be anything, even a whole fringe along some line, so only its absence is
+    judged: over the noise, and over what the plate as a whole has drifted.
     """
-    field = _reduced(np.where(usable, np.exp(1j * step), 0), factor)
-    share = _reduced(usable.astype(float), factor)
-    known = share > 0.6
+    single = step.astype(np.float32)
+    parts = [_reduced(np.where(usable, wave(single), np.float32(0)), factor) for wave in (np.sin, np.cos)]
+    known = _reduced(usable.astype(np.float32), factor) > 0.6
     if factor == 1:
-        size = (3, 3)
-        field = ndimage.uniform_filter(field.real, size) + 1j * ndimage.uniform_filter(field.imag, size)
-    angle = np.angle(field)
-    tolerance = float(np.clip(5 * _noise(angle, known) + 0.06, 0.12, 0.9))
-    angle = np.angle(field * np.exp(-1j * _drift(angle[known], tolerance)))
-    likeness = np.clip(2 - np.abs(angle) / tolerance, 0, 1)
-    at = np.nonzero(known)
-    return Pixels(_reduced(u, factor)[at], _reduced(v, factor)[at], likeness[at])
+        parts = [ndimage.uniform_filter(part, 3) for part in parts]
+    angle = np.arctan2(*parts)
+    tolerance = float(np.clip(5 * _noise(angle, known) + 0.04, 0.08, 0.9))
+    off = np.abs(angle - np.float32(_drift(angle[known], tolerance)))
+    return np.clip(2 - np.minimum(off, 2 * math.pi - off) / tolerance, 0, 1), known
+
+
+def _spread(unchanged: tuple[Array, Mask], shape: tuple[int, ...], margin_px: float, factor: int) -> Mask:
+    """Find pixels whose phase is the plate's, and their neighbours within the margin."""
+    plate = ndimage.uniform_filter(np.where(unchanged[1], unchanged[0], 0.0), 3) > 0.5
+    plate = ndimage.binary_dilation(plate, iterations=max(1, round(margin_px / factor)))
+    if factor == 1:
+        return plate
+    whole = np.zeros(shape, bool)
+    large = plate.repeat(factor, axis=0).repeat(factor, axis=1)
+    whole[: large.shape[0], : large.shape[1]] = large
+    return whole
+
+
+def _labels(across: Array, edges: Array, seen: Mask, margin_px: float) -> NDArray[np.int16]:
+    """Number the pixels by the strip they lie on, by a table over the coordinate across."""
+    start = min(float(across.min()), float(edges.min())) - margin_px
+    place = np.arange(start, max(float(across.max()), float(edges.max())) + margin_px + 1, _TABLE_PX)
+    table = np.zeros(place.size, np.int16)
+    for number in np.flatnonzero(seen):
+        low, high = edges[number]
+        margin = min(margin_px + 0.1 * (high - low), 0.35 * (high - low))
+        table[(place > low - margin) & (place < high + margin)] = EDGE
+        table[(place > low + margin) & (place < high - margin)] = number + 1
+    return table[((across - start) * (1 / _TABLE_PX)).astype(np.int32)]
 
 
 def _reduced(picture: NDArray, factor: int) -> NDArray:
     """Mean over blocks of factor x factor px; what is left over at the far sides is dropped."""
     if factor == 1:
         return picture
-    height, width = (n // factor * factor for n in picture.shape)
-    blocks = picture[:height, :width].reshape(height // factor, factor, width // factor, factor)
-    return blocks.mean(axis=(1, 3))
+    height, width = (n // factor for n in picture.shape)
+    whole = np.ascontiguousarray(picture[: height * factor, : width * factor], dtype=np.float32)
+    return cv2.resize(whole, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def _noise(angle: Array, known: Mask) -> float:
     """Scatter of the smoothed step, from differences of neighbours three apart: edges are few."""
+    rows = slice(None, None, max(1, angle.size // 100_000))
+    angle, known = angle[rows], known[rows]
     difference = np.angle(np.exp(1j * (angle[:, 3:] - angle[:, :-3])))
     both = known[:, 3:] & known[:, :-3]
     return 1.4826 * float(np.median(np.abs(difference[both]))) / math.sqrt(2) if both.any() else 0.0
@@ -192,6 +219,7 @@ def _noise(angle: Array, known: Mask) -> float:
 def _drift(angle: Array, tolerance: float) -> float:
     """Common phase shift of the plate between the captures, if it is small."""
     centre = 0.0
+    angle = angle[:: max(1, angle.size // 50_000)]
     for _ in range(4):
         left = np.angle(np.exp(1j * (angle - centre)))
         near = np.abs(left) < 1.5 * tolerance
@@ -223,7 +251,7 @@ def _seen(pixels: Pixels, comb: Comb, edges: Array, layout: Array) -> Mask:
     if np.count_nonzero(seen) < min(2, len(edges)):
         raise DetectionError(_nothing(layout, float(np.nanmax(contrast))))
     _demand_width(edges[seen], layout[seen])
-    _demand_no_more(pixels, across, edges, comb, plate)
+    _demand_no_more(pixels, across, edges, plate)
     return seen
 
 
@@ -261,7 +289,7 @@ def _demand_width(edges: Array, layout: Array) -> None:
         )
 
 
-def _demand_no_more(pixels: Pixels, across: Array, edges: Array, comb: Comb, plate: float) -> None:
+def _demand_no_more(pixels: Pixels, across: Array, edges: Array, plate: float) -> None:
     """Refuse a picture in which the row of strips goes on beyond the target's count."""
     if len(edges) < 2:
         return

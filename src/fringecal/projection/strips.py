@@ -54,7 +54,7 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
     reference, strips
         Phase of the bare plate and of the plate with strips.
     target
-        Count, width, gap, length and height of the strips.
+        Count, width, gap and height of the strips.
     camera
         The camera on the plate: in its millimetres strips are straight.
 
@@ -75,7 +75,6 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
         count=target.count,
         width_px=target.width_mm.array(target.count) / scale,
         gap_px=_gaps_mm(target) / scale,
-        length_px=float(np.max(target.length_mm.values)) / scale,
         straight_px=_straight(camera, float(np.mean([h.value for h in heights]))),
     )
     drift = _plate_drift(step, regions)
