@@ -1,32 +1,14 @@
 """A report as one HTML file that needs nothing else: no network, no script, figures and tables inside."""
 
 import base64
-import io
-import weakref
-from collections.abc import Hashable
 from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
-import matplotlib as mpl
-import numpy as np
-import pandas as pd
 
 from fringecal.records.files import write_text
 from fringecal.report.structure import FigureItem, Report, Table, slug
-from fringecal.report.style import RC
-
-# Word, sign and colour class: no reader has to tell a verdict by colour alone.
-_DECISIONS = {
-    "pass": ("Pass", "✓"),
-    "conditionalPass": ("Conditional pass (within the guard band)", "✓?"),
-    "conditionalFail": ("Conditional fail (within the guard band)", "✗?"),
-    "fail": ("Fail", "✗"),
-    "info": ("For information", "i"),
-}
-_MISSING = "–"
-_PNG_DPI = 120
-_ENCODED: weakref.WeakKeyDictionary[FigureItem, bytes] = weakref.WeakKeyDictionary()
+from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 
 
 @dataclass(frozen=True)
@@ -70,7 +52,7 @@ def render_html(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    word, sign = _DECISIONS[report.verdict.decision]
+    word, sign = DECISIONS[report.verdict.decision]
     sections = [
         {
             "title": section.title,
@@ -81,31 +63,15 @@ def render_html(report: Report) -> str:
         }
         for number, section in enumerate(report.sections, start=1)
     ]
+    files = inputs_table(report)
     page = environment.get_template("report.html.j2")
-    return page.render(report=report, word=word, sign=sign, sections=sections, inputs=_view_inputs(report))
+    inputs = _view_table(files) if files is not None else None
+    return page.render(report=report, word=word, sign=sign, sections=sections, inputs=inputs)
 
 
 def write_html(report: Report, path: str | Path) -> Path:
     """Write a report as one HTML file, whole or not at all, and return its path."""
     return write_text(path, render_html(report))
-
-
-def figure_bytes(item: FigureItem) -> bytes:
-    """Encode a figure as its item says, without a date, so that equal figures give equal bytes.
-
-    An item is encoded once, since a page and a file beside it show the same figure.
-    """
-    if item not in _ENCODED:
-        _ENCODED[item] = _encoded(item)
-    return _ENCODED[item]
-
-
-def _encoded(item: FigureItem) -> bytes:
-    buffer = io.BytesIO()
-    metadata = {"Date": None} if item.encoding == "svg" else {"Software": None}
-    with mpl.rc_context(RC):
-        item.figure.savefig(buffer, format=item.encoding, dpi=_PNG_DPI, metadata=metadata)
-    return buffer.getvalue()
 
 
 def _view_figure(item: FigureItem) -> _FigureView:
@@ -115,48 +81,18 @@ def _view_figure(item: FigureItem) -> _FigureView:
 
 
 def _view_table(table: Table) -> _TableView:
-    frame = table.frame.reset_index(drop=True)
-    heads = [str(column) for column in frame.columns]
-    formatted = [
-        [_format_value(value, table.formats.get(head)) for value in frame[column]]
-        for head, column in zip(heads, frame.columns, strict=True)
-    ]
-    rows = [
-        _Row(cells[0][0] if table.row_header else None, list(cells[1:] if table.row_header else cells))
-        for cells in zip(*formatted, strict=True)
-    ]
-    csv = frame.to_csv(index=False, lineterminator="\n").encode()
-    columns = [(head, any(number for _, number in cells)) for head, cells in zip(heads, formatted, strict=True)]
+    printed = table_text(table)
+    named = table.row_header
+    rows = [_Row(cells[0][0] if named else None, cells[1:] if named else cells) for cells in printed.rows]
+    csv = table.frame.to_csv(index=False, lineterminator="\n").encode()
     return _TableView(
         table.caption,
         table.header_note,
-        columns,
+        printed.columns,
         rows,
         _data_uri("text/csv;charset=utf-8", csv),
         f"{slug(table.caption)}.csv",
     )
-
-
-def _view_inputs(report: Report) -> _TableView | None:
-    if not report.inputs:
-        return None
-    frame = pd.DataFrame(
-        [(entry.capture, entry.file, entry.sha256) for entry in report.inputs],
-        columns=["capture", "file", "SHA-256"],
-    )
-    return _view_table(Table("Input files", frame))
-
-
-def _format_value(value: Hashable, specification: str | None) -> tuple[str, bool]:
-    """Print one value; the flag tells numbers, which are set right-aligned."""
-    if value is None or value is pd.NA or (isinstance(value, float | np.floating) and np.isnan(value)):
-        return _MISSING, False
-    if isinstance(value, bool | np.bool_):
-        return ("yes" if value else "no"), False
-    if isinstance(value, int | float | np.integer | np.floating):
-        default = "d" if isinstance(value, int | np.integer) else ".4g"
-        return format(value, specification or default).replace("-", "\N{MINUS SIGN}"), True
-    return str(value), False
 
 
 def _data_uri(kind: str, content: bytes) -> str:
