@@ -25,8 +25,8 @@ _COLUMNS = {
     "apparent_deg": ("apparent / deg", ".3f"),
     "theory_deg": ("theory / deg", ".3f"),
     "u_theory_deg": ("u(theory) / deg", ".3f"),
-    "difference_deg": ("difference / deg", "+.3f"),
-    "en": ("En", "+.2f"),
+    "difference_deg": ("difference / deg", "+z.3f"),
+    "en": ("En", "+z.2f"),
 }
 
 
@@ -143,4 +143,4 @@ def _height_budget(
     estimate, budget = calibration.estimate(height, unit="mm", label="height")
     single = math.hypot(noise_rad, calibration.excess_rad)
     scatter = abs(height(calibration, single) - estimate.value)
-    return budget | {"phase of one pixel": scatter, "combined": math.hypot(estimate.u, scatter)}
+    return {"combined": math.hypot(estimate.u, scatter)} | budget | {"phase of one pixel": scatter}

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.procedures.camera import CameraFindings
-from fringecal.procedures.report_parts import estimates_table
+from fringecal.procedures.report_parts import concise, estimates_table
 from fringecal.report.figures_camera import crossings_overlay, residual_arrows
 from fringecal.report.structure import FigureItem, Section, Table
 
@@ -64,7 +64,7 @@ def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
             )
     formats = dict.fromkeys(("u / px", "v / px"), ".0f")
     formats |= dict.fromkeys(("along u / (mm/px)", "along v / (mm/px)"), ".5f")
-    formats |= dict.fromkeys(("error along u / %", "error along v / %"), "+.2f")
+    formats |= dict.fromkeys(("error along u / %", "error along v / %"), "+z.2f")
     note = "error of a short distance on the plate computed with the mean factor"
     return Table("Scale over the field", pd.DataFrame(rows), note, formats)
 
@@ -94,9 +94,9 @@ def largest_scale_error_percent(found: CameraFindings) -> float:
 def _sentences(found: CameraFindings) -> tuple[str, ...]:
     fit, lens, grid = found.fit, found.distortion, found.detection
     used = int(np.isfinite(fit.residual_u_px).sum())
-    shift = f"{lens.max_px.value:+.2f} px (u {lens.max_px.u:.2f} px) at {lens.radius_px:.0f} px from the centre"
+    shift = f"{concise(lens.max_px)} at {lens.radius_px:.0f} px from the centre"
     bent = (
-        f"No lens distortion was found: {shift}; {lens.detection_limit_px:.2f} px would have shown in 95 % of cases."
+        f"No lens distortion was found: {shift}; {lens.detection_limit_px:.2g} px would have shown in 95 % of cases."
         if lens.verdict == "none"
         else f"The lens shows {lens.verdict} distortion: {shift}, p = {lens.p_value:.2g}. The camera model corrects it."
     )
@@ -104,7 +104,7 @@ def _sentences(found: CameraFindings) -> tuple[str, ...]:
         f"{used} of {grid.u_px.size} crossings of {found.target.name} agree with one flat sheet seen by one camera; "
         f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+.2f} deg.",
         bent,
-        f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2f} %.",
+        f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2g} %.",
     )
 
 

@@ -84,7 +84,7 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
     if not camera.telecentric:
         height = Estimate(camera["height_mm"], math.sqrt(camera.covariance[-1, -1]), "mm")
         facts.append(Fact("Camera height", concise(height), "entrance pupil above the plate"))
-    largest = f"{largest_scale_error_percent(found.camera):.2f} %"
+    largest = f"{largest_scale_error_percent(found.camera):.2g} %"
     return (
         *facts,
         Fact("Plate residual", f"{found.fit.plate_rms_rad:.4f} rad", "rms"),

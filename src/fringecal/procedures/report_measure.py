@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.procedures.measurement import Measurement
-from fringecal.procedures.report_parts import inputs_of_capture, phase_section
+from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
 from fringecal.reconstruct.height import HeightMap, Reason
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import classification_overlay, height_map, uncertainty_map
@@ -82,7 +82,7 @@ def _height_section(found: Measurement) -> Section:
         ),
         FigureItem(
             "The surface in three dimensions",
-            surface_view(surface.x, surface.y, surface.z),
+            surface_view(surface.x, surface.y, surface.z, exaggeration=stretch_of(surface)),
             f"Oblique view of the surface, heights {span}.",
             "png",
         ),

@@ -8,6 +8,7 @@ import pandas as pd
 
 from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.recording import budget_rows
+from fringecal.reconstruct.height import HeightMap
 from fringecal.records.parts import Check
 from fringecal.report.figures_phase import phase_overview
 from fringecal.report.html import figure_bytes
@@ -47,21 +48,22 @@ def estimates_table(
     ]
     frame = pd.DataFrame(rows)
     frame.insert(0, first, list(estimates))
-    formats = {"value": ".6g", "u": ".2g", "U (95 %)": ".2g", "dof": ".3g"}
+    formats = {"value": "#.6g", "u": ".2g", "U (95 %)": ".2g", "dof": ".3g"}
     return Table(caption, frame, header_note, formats)
 
 
 def budget_table(caption: str, contributions: Mapping[str, float], unit: str) -> Table:
     """Tabulate a budget, the largest contribution first."""
     rows = budget_rows(contributions)
+    heading = f"contribution / ({unit})" if "/" in unit else f"contribution / {unit}"
     frame = pd.DataFrame(
         {
             "influence": [row.label for row in rows],
-            f"contribution / {unit}": [row.contribution for row in rows],
+            heading: [row.contribution for row in rows],
             "share of the variance / %": [row.percent for row in rows],
         }
     )
-    formats = {f"contribution / {unit}": ".2g", "share of the variance / %": ".1f"}
+    formats = {heading: ".2g", "share of the variance / %": ".1f"}
     return Table(caption, frame, "standard uncertainties", formats)
 
 
@@ -70,7 +72,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     keys = ("name", "value", "u", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     formats = {"value": ".3g", "u": ".2g", "limit": ".3g"}
-    return Table("Checks", frame.rename(columns={"name": "check"}), formats=formats)
+    return Table("What was checked", frame.rename(columns={"name": "check"}), formats=formats)
 
 
 def severest(checks: Sequence[Check]) -> Decision:
@@ -123,12 +125,12 @@ def _steps_table(captures: Sequence[CapturePhase]) -> Table:
                     "offset / levels": float(found.offset_per_frame[n]),
                 }
             rows.append(row)
-    degrees = dict.fromkeys(("stated / deg", "used / deg", "found / deg", "u / deg"), ".2f")
+    degrees = dict.fromkeys(("stated / deg", "used / deg", "found / deg", "u / deg"), ".3f")
     return Table(
         "Phase steps",
         pd.DataFrame(rows),
         "found from the frames, relative to the first; gain and offset against the mean of the frames",
-        degrees | {"gain": ".4f", "offset / levels": "+.2f"},
+        degrees | {"gain": ".4f", "offset / levels": "+z.2f"},
     )
 
 
@@ -142,6 +144,16 @@ def _mask_table(captures: Sequence[CapturePhase]) -> Table:
     frame = pd.DataFrame(rows)
     formats = dict.fromkeys(frame.columns[1:], ".2f")
     return Table("Valid pixels", frame, "share of the picture; a pixel may be masked for several reasons", formats)
+
+
+def stretch_of(surface: HeightMap) -> float:
+    """Choose by how much a view stretches heights, so that a flat object keeps a visible relief.
+
+    A sixth of the longer side is relief enough; factors are 1, 2, 5, 10 and so on.
+    """
+    sides = [float(np.nanmax(part) - np.nanmin(part)) for part in (surface.x, surface.y)]
+    wanted = max(sides) / 6 / max(float(np.nanmax(surface.z) - np.nanmin(surface.z)), 1e-9)
+    return float(max([f for f in (1, 2, 5, 10, 20, 50, 100) if f <= wanted], default=1))
 
 
 def inputs_of_capture(capture: Capture) -> tuple[InputFile, ...]:

@@ -45,27 +45,26 @@ def _orders_table(found: Commissioning) -> Table:
     rows = [
         {
             "order": candidate.order,
+            "chosen": candidate.order == decision.order,
+            "possible": candidate.possible,
             "strips / mm": ", ".join(f"{h:g}" for h, d in found.orders.items() if d is decision),
             "angle / deg": candidate.angle_deg,
-            "projector height / mm": candidate.line_height_mm,
-            "projector side / mm": candidate.line_side_mm,
-            "residual of blocks / rad": candidate.block_rms_rad,
-            "step off prediction / rad": candidate.predicted_difference_rad,
-            "possible": candidate.possible,
-            "chosen": candidate.order == decision.order,
+            "line height / mm": candidate.line_height_mm,
+            "line side / mm": candidate.line_side_mm,
+            "residual / rad": candidate.block_rms_rad,
+            "off prediction / rad": candidate.predicted_difference_rad,
         }
         for decision in decisions.values()
         for candidate in decision.candidates
     ]
     formats = {
-        "order": "+d",
         "angle / deg": ".2f",
-        "projector height / mm": ".0f",
-        "projector side / mm": ".0f",
-        "residual of blocks / rad": ".4f",
-        "step off prediction / rad": "+.2f",
+        "line height / mm": ".0f",
+        "line side / mm": ".0f",
+        "residual / rad": ".4f",
+        "off prediction / rad": "+z.2f",
     }
-    note = "prediction from the stated projector position, where there is one"
+    note = "place of the projector's line; prediction from the stated position, where there is one"
     return Table("Fringe order of the strips", pd.DataFrame(rows), note, formats)
 
 
@@ -86,7 +85,7 @@ def _strips_table(residuals: "ResidualMaps") -> Table:
                 }
             )
     rows.sort(key=lambda row: row["strip"])
-    formats = {"height / mm": ".4g", "u / mm": ".2g", "median residual / rad": "+.4f", "as height / mm": "+.4f"}
+    formats = {"height / mm": ".4g", "u / mm": ".2g", "median residual / rad": "+z.4f", "as height / mm": "+z.4f"}
     note = "residual against the common fit: a strip that is higher than stated stands out"
     return Table("Strips", pd.DataFrame(rows), note, formats)
 
@@ -250,7 +249,7 @@ def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
         frame["difference / mm"] = frame["fitted / mm"] - frame["stated / mm"]
         both = np.hypot(frame["u / mm"], frame["u(stated) / mm"])
         frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
-    formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+.1f", "En": "+.2f"}
+    formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
     formats |= dict.fromkeys(("u / mm", "u(stated) / mm"), ".2g")
     return (
         Table(

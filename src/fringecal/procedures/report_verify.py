@@ -6,7 +6,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
-from fringecal.procedures.report_parts import inputs_of_capture, phase_section
+from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
 from fringecal.procedures.verification import Verification
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import error_map, height_map
@@ -24,13 +24,13 @@ _PROFILE_COLUMNS = {
     "row_px": ("row / px", ".0f"),
     "y_mm": ("y / mm", ".1f"),
     "n": ("n", "d"),
-    "mean_mm": ("mean / mm", "+.4f"),
+    "mean_mm": ("mean / mm", "+z.4f"),
     "sd_mm": ("sd / mm", ".4f"),
     "max_abs_mm": ("max / mm", ".4f"),
-    "mean_percent": ("mean / %", "+.3f"),
+    "mean_percent": ("mean / %", "+z.3f"),
     "max_percent": ("max / %", ".3f"),
     "u_mm": ("u(mean) / mm", ".4f"),
-    "en": ("En", "+.2f"),
+    "en": ("En", "+z.2f"),
     "missing_share": ("masked share", ".3f"),
 }
 _POOLED_COLUMNS = {
@@ -38,11 +38,11 @@ _POOLED_COLUMNS = {
     "before": ("before", "s"),
     "after": ("after", "s"),
     "model": ("model", "s"),
-    "mean_mm": ("mean / mm", "+.4f"),
+    "mean_mm": ("mean / mm", "+z.4f"),
     "sd_mm": ("sd / mm", ".4f"),
     "rms_mm": ("rms / mm", ".4f"),
     "max_abs_mm": ("max / mm", ".4f"),
-    "mean_percent": ("mean / %", "+.3f"),
+    "mean_percent": ("mean / %", "+z.3f"),
     "max_percent": ("max / %", ".3f"),
     "worst_band_percent": ("worst band / %", ".3f"),
     "mean_of_max_percent": ("mean of the profiles' maxima / %", ".3f"),
@@ -129,7 +129,7 @@ def errors_section(errors: ZigzagErrors) -> Section:
         _flank_table(errors),
         _terms_table(errors),
     )
-    return Section("Height errors", (errors.sentence, zone), tables)
+    return Section("Height errors", (zone,), tables)
 
 
 def _profile_table(errors: ZigzagErrors, *, edges: bool) -> Table:
@@ -164,7 +164,7 @@ def _flank_table(errors: ZigzagErrors) -> Table:
     u = flanks.groupby("flank", sort=False)["u_deg"].apply(lambda part: math.sqrt(np.mean(np.square(part))))
     frame = wide.assign(**{"u of one": u}).reset_index()
     frame.columns = pd.Index([str(name) for name in frame.columns])
-    formats = dict.fromkeys(frame.columns[1:-1], "+.3f") | {"u of one": ".3f"}
+    formats = dict.fromkeys(frame.columns[1:-1], "+z.3f") | {"u of one": ".3f"}
     note = "measured - target / deg, by bar and side; positive is too steep"
     return Table("Flank angles", frame, note, formats)
 
@@ -286,7 +286,7 @@ def _surface_section(found: Verification) -> Section:
         ),
         FigureItem(
             "The bars in three dimensions",
-            surface_view(surface.x, surface.y, surface.z),
+            surface_view(surface.x, surface.y, surface.z, exaggeration=stretch_of(surface)),
             f"Oblique view of {found.pose.bars_seen} bars side by side on the plate.",
             "png",
         ),
