@@ -60,7 +60,7 @@ def _smooth(wrapped: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     field = np.where(usable, np.exp(1j * wrapped), 0)
     size = (3, 3)
     mean = ndimage.uniform_filter(field.real, size) + 1j * ndimage.uniform_filter(field.imag, size)
-    smooth = ndimage.binary_erosion(usable, np.ones(size))
+    smooth = ndimage.binary_erosion(usable, np.ones(size, dtype=bool))
     for axis in (0, 1):
         slope = np.angle(np.roll(mean, -1, axis) * np.conj(mean))
         bend = np.abs(np.roll(slope, -1, axis) - np.roll(slope, 2, axis))
@@ -70,7 +70,7 @@ def _smooth(wrapped: Array, usable: NDArray[np.bool_]) -> NDArray[np.bool_]:
     # The mean over nine pixels shrinks where they disagree: an edge, whatever its bend.
     smooth &= np.abs(mean) > 0.6
     # A bridge over an edge, where the jump happens to be whole fringes, is a few pixels wide: it must not stay.
-    return ndimage.binary_erosion(smooth, np.ones((5, 5)))
+    return ndimage.binary_erosion(smooth, np.ones((5, 5), dtype=bool))
 
 
 def _without_crumbs(pieces: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -168,9 +168,7 @@ def _strength(votes: Votes) -> tuple[int, float]:
     return order, number - _LEAST_LEAD * second + 1.0
 
 
-def _merged(
-    borders: dict[tuple[int, int], Votes], a: int, b: int, order: int
-) -> dict[tuple[int, int], Votes]:
+def _merged(borders: dict[tuple[int, int], Votes], a: int, b: int, order: int) -> dict[tuple[int, int], Votes]:
     """Hand the borders of region b over to region a, b's order having changed by `order`."""
     result: dict[tuple[int, int], Votes] = {p: v for p, v in borders.items() if b not in p}
     for (i, j), votes in borders.items():

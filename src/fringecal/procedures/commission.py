@@ -75,8 +75,8 @@ class Commissioning:
         if abs(self.angle_en) <= 1:
             return f"The measured geometry agrees with the stated one ({difference:+.2f} deg, En {self.angle_en:+.2f})."
         return (
-            f"The measured angle differs from the stated geometry by {difference:+.2f} deg (En {self.angle_en:+.2f}): the "
-            "projector stands elsewhere, or the strips are not as high as their target says."
+            f"The measured angle differs from the stated geometry by {difference:+.2f} deg (En {self.angle_en:+.2f}): "
+            "the projector stands elsewhere, or the strips are not as high as their target says."
         )
 
     @property
@@ -138,7 +138,8 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
         observations, camera.fit, projector_near=near, phase_sigma_rad=noise, progress=progress
     )
     progress("projection angle column by column")
-    return _angles(session, camera, reference, strips_capture, strips, orders, observations, calibration, fit, plate_phase)
+    captures = (reference, strips_capture)
+    return _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
 
 
 def _demand(session: Session, *kinds: str) -> None:
@@ -190,8 +191,8 @@ def _observations(
             orders[height] = ordered.decision
             picked.append(_picked(inside, ordered.phase_rad, number=max(_POINTS // len(groups), 2000)))
             heights.append(strips.heights_mm[ordered.items[labels[0] - 1]])
-    columns = list(zip(*picked, strict=True))
-    return Observations(*(tuple(c) for c in columns), height_mm=tuple(heights)), orders
+    u, v, phase, cluster = (tuple(column) for column in zip(*picked, strict=True))
+    return Observations(u, v, phase, cluster, tuple(heights)), orders
 
 
 type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
@@ -210,8 +211,7 @@ def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = _POINTS) -
 def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning found
     session: Session,
     camera: CameraFindings,
-    reference: CapturePhase,
-    strips_capture: CapturePhase,
+    captures: tuple[CapturePhase, CapturePhase],
     strips: StripPhase,
     orders: dict[float, OrderDecision],
     observations: Observations,
@@ -225,8 +225,8 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
     return Commissioning(
         session=session,
         camera=camera,
-        reference=reference,
-        strips_capture=strips_capture,
+        reference=captures[0],
+        strips_capture=captures[1],
         strips=strips,
         orders=orders,
         observations=observations,

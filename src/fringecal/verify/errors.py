@@ -118,10 +118,7 @@ def zigzag_errors(
     zone = edge_zone_px * field.pixel_mm if edge_zone_mm is None else edge_zone_mm
     maps = None if sensitivities is None else np.asarray(sensitivities)
     judge = Judge(field, shape, zone, maps, covariance)
-    if rows_px is None:
-        places = default_places(field, THESIS_ROWS_PX, _SPREAD)
-    else:
-        places = tuple(int(row) for row in rows_px)
+    places = default_places(field, THESIS_ROWS_PX, _SPREAD) if rows_px is None else tuple(int(r) for r in rows_px)
     lines = {_name(i): (place, judge.line(place)) for i, place in enumerate(places)}
     every = np.concatenate([line for _, line in lines.values()])
     flanks = judge.off_edges(np.flatnonzero(field.inside))
