@@ -50,9 +50,7 @@ def test_gamma_is_not_taken_for_noise(rng, fringes, camera):
 
 def test_repeats_give_read_noise_and_gain(rng, fringes, camera):
     clean = scene(20, 60, rng, fringes, 0.3)
-    found = noise_from_repeats(
-        np.stack([camera(clean, rng, sigma=1.0, gain=0.2) for _ in range(3)]), white_level=255
-    )
+    found = noise_from_repeats(np.stack([camera(clean, rng, sigma=1.0, gain=0.2) for _ in range(3)]), white_level=255)
     assert found.gain == pytest.approx(0.2, rel=0.05)
     assert found.read_sigma == pytest.approx(np.sqrt(1 + ROUNDING), rel=0.15)
 

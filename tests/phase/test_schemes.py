@@ -39,9 +39,7 @@ def test_textbook_numerators_and_denominators():
     np.testing.assert_allclose(2 * scheme("four").weights[1:], [[1, 0, -1, 0], [0, -1, 0, 1]], atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("half_step_deg", "low", "rms", "high"), [(90, 0.707, 1.0, 1.225), (60, 0.816, 1.826, 2.449)]
-)
+@pytest.mark.parametrize(("half_step_deg", "low", "rms", "high"), [(90, 0.707, 1.0, 1.225), (60, 0.816, 1.826, 2.449)])
 def test_noise_of_three_unequal_steps_depends_on_phase_as_published(half_step_deg, low, rms, high):
     # Steps -a, 0, +a: min, rms and max of u(phi) B / sigma, three digits as printed.
     _, wc, ws = least_squares(np.deg2rad([-half_step_deg, 0, half_step_deg])).weights
@@ -69,9 +67,7 @@ def test_one_wrong_step_of_three_ripples_at_twice_the_fringe_frequency(d_deg, fr
         assert np.rad2deg(np.abs(error).max()) == pytest.approx(0.580, abs=0.001)
 
 
-@pytest.mark.parametrize(
-    ("name", "peak_deg"), [("four", 0.500), ("hariharan-5", 0.00436), ("schwider-4", 0.013)]
-)
+@pytest.mark.parametrize(("name", "peak_deg"), [("four", 0.500), ("hariharan-5", 0.00436), ("schwider-4", 0.013)])
 def test_a_linear_step_error_of_one_degree(name, peak_deg, fringes, wrap):
     # Every step 1 deg too large. Four: d/2 = 0.500 deg; Hariharan: d^2/4 = 0.00436 deg. Schwider's weights
     # are blind at first order: what is left is d^2 = 0.017 deg times a number below one.

@@ -50,9 +50,7 @@ def test_hand_set_steps_are_found(errors_deg, fringes, camera, rng):
 def test_symmetric_error_makes_the_closed_form_ripple(fringes, camera, rng):
     # 120 + d and 240 - d: -(d / sqrt3) sin(2 phi) at d = 1 deg.
     frames = plate(fringes, camera, rng, (0, 1.0, -1.0))
-    assert ripple(demodulate(frames, STATED).phase, PLATE, 2) == pytest.approx(
-        np.deg2rad(1.0) / np.sqrt(3), rel=0.03
-    )
+    assert ripple(demodulate(frames, STATED).phase, PLATE, 2) == pytest.approx(np.deg2rad(1.0) / np.sqrt(3), rel=0.03)
 
 
 def test_uncertainty_holds_in_repeated_simulation(fringes, camera, rng):
@@ -109,9 +107,7 @@ def test_mask_limits_where_steps_are_measured(fringes, camera, rng):
     np.testing.assert_allclose(np.rad2deg(found.errors_rad), [0, 2, -1], atol=0.08)
 
 
-@pytest.mark.parametrize(
-    ("period_px", "direction_deg"), [(9.0, 20.0), (22.3, 180.0), (40.0, -120.0), (75.0, 90.0)]
-)
+@pytest.mark.parametrize(("period_px", "direction_deg"), [(9.0, 20.0), (22.3, 180.0), (40.0, -120.0), (75.0, 90.0)])
 def test_period_and_direction(period_px, direction_deg, fringes, camera, rng):
     angle = np.deg2rad(direction_deg)
     phi = 2 * np.pi * (U * np.cos(angle) + V * np.sin(angle)) / period_px

@@ -81,9 +81,7 @@ def test_quality_decides_which_way_is_taken(wrap):
     assert (orders == 0).all()
 
 
-@pytest.mark.parametrize(
-    "quality", [np.zeros(SHAPE), np.full(SHAPE, np.nan), np.full(SHAPE, 7.0), -np.ones(SHAPE)]
-)
+@pytest.mark.parametrize("quality", [np.zeros(SHAPE), np.full(SHAPE, np.nan), np.full(SHAPE, 7.0), -np.ones(SHAPE)])
 def test_a_quality_that_says_nothing_still_unwraps(quality, wrap):
     assert share_of_right_order(unwrap(wrap(SMOOTH), quality=quality), SMOOTH) == 1.0
 

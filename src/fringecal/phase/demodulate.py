@@ -14,8 +14,12 @@ from fringecal.phase.schemes import Scheme, least_squares
 MAX_SIGMA_RAD = 0.25
 """Noise alone passes the test of modulation in a share exp(-1/(2 u^2)) of fringeless pixels: 0.03 %."""
 
-MIN_MODULATION_LEVELS = 2.0
+MIN_MODULATION_LEVELS = 3.0
 """Least modulation of integer frames: below it, rounding is no longer like noise."""
+
+MIN_MODULATION_SHARE = 0.05
+"""Least modulation as a share of what the picture's better part has (95th percentile): below it, stray light
+and the ringing of compressed pictures, whose noise cannot be seen between neighbours, look like fringes."""
 
 MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
 """A residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
@@ -94,7 +98,8 @@ def demodulate(
     noise
         The camera's noise; by default estimated from the frames.
     min_modulation
-        Least modulation, grey levels; by default 2 for integers. In any case u(phi) <= 0.25 rad.
+        Least modulation, grey levels; by default 5 % of the 95th percentile over the picture, and 3 for
+        integers. In any case u(phi) <= 0.25 rad.
     out
         A `PhaseMap` of the same shape whose buffers are overwritten and returned in the answer.
 
@@ -122,13 +127,13 @@ def demodulate(
     white = _white_level(grey.dtype, white_level)
     if noise is None:
         noise = _noise_of(grey, scheme, white)
-    if np.issubdtype(grey.dtype, np.integer) and min_modulation is None:
-        min_modulation = MIN_MODULATION_LEVELS
+    if min_modulation is None:
+        min_modulation = _least_modulation(grey, scheme)
     read_sigma = float(noise.read_sigma)
     limits = kernels.Limits(
         np.float32(white),
         np.float32(_DARK_SIGMAS * read_sigma if dark_level is None else dark_level),
-        np.float32(min_modulation or 0.0),
+        np.float32(min_modulation),
         np.float32(MAX_SIGMA_RAD),
         np.float32(MISFIT_SIGMAS * noise.sigma(_typical_grey(grey))),
         np.float32(MISFIT_SHARE),
@@ -165,6 +170,17 @@ def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
     if min(grey.shape[1:]) < 16:
         return Noise(float(np.sqrt(1 / 12)) if np.issubdtype(grey.dtype, np.integer) else 0.0)
     return estimate_noise(grey, scheme, white_level=white_level)
+
+
+def _least_modulation(grey: NDArray, scheme: Scheme) -> float:
+    """Return the modulation below which fringes are not believed, from a sparse sample of the picture."""
+    sample = grey[:, ::8, ::8].astype(np.float32)
+    cosine, sine = np.tensordot(scheme.weights[1:].astype(np.float32), sample, axes=1)
+    modulation = np.hypot(cosine, sine)
+    finite = modulation[np.isfinite(modulation)]
+    typical = float(np.percentile(finite, 95)) if finite.size else 0.0
+    floor = MIN_MODULATION_LEVELS if np.issubdtype(grey.dtype, np.integer) else 0.0
+    return max(floor, MIN_MODULATION_SHARE * typical)
 
 
 def _typical_grey(grey: NDArray) -> float:
