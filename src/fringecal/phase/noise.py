@@ -50,9 +50,7 @@ class Noise:
         return np.sqrt(self.gain * np.maximum(np.asarray(grey, np.float64), 0) + self.read_sigma**2)
 
 
-def estimate_noise(
-    frames: ArrayLike, steps_rad: ArrayLike | Scheme, *, white_level: float | None = None
-) -> Noise:
+def estimate_noise(frames: ArrayLike, steps_rad: ArrayLike | Scheme, *, white_level: float | None = None) -> Noise:
     """Estimate the camera's noise from one phase-shifted set of pictures.
 
     Parameters

@@ -144,9 +144,7 @@ def carrier(image: ArrayLike) -> FringePeriod:
     """
     grey = np.asarray(image, dtype=np.float64)
     if grey.ndim != 2 or min(grey.shape) < _LEAST_PIXELS or not np.isfinite(grey).all():
-        raise PhaseError(
-            f"found a picture of shape {grey.shape}; needed: (height, width), finite, 16 px or more"
-        )
+        raise PhaseError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 16 px or more")
     window = np.hanning(grey.shape[0])[:, None] * np.hanning(grey.shape[1])
     power = np.abs(np.fft.rfft2((grey - np.average(grey, weights=window)) * window)) ** 2
     cycles_v = np.fft.fftfreq(grey.shape[0]) * grey.shape[0]

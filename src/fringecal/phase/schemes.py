@@ -72,9 +72,7 @@ def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
     _refuse_too_few(steps)
     design = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
     singular = np.linalg.svd(design, compute_uv=False)
-    scheme = Scheme(
-        name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.linalg.pinv(design)
-    )
+    scheme = Scheme(name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.linalg.pinv(design))
     if singular[-1] < 1e-6 * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
         raise PhaseError(
             f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
@@ -102,9 +100,7 @@ def buckets(n: int) -> Scheme:
     return least_squares(2 * np.pi * np.arange(n) / n, name=f"{n}-bucket")
 
 
-def _from_rows(
-    name: str, steps_deg: Sequence[float], cosine: Sequence[float], sine: Sequence[float]
-) -> Scheme:
+def _from_rows(name: str, steps_deg: Sequence[float], cosine: Sequence[float], sine: Sequence[float]) -> Scheme:
     """Build a scheme from its published integer coefficients, scaled so that the modulation is right."""
     steps = np.deg2rad(steps_deg)
     background = np.linalg.pinv(np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)]))[0]
@@ -118,9 +114,7 @@ _NAMED = {
     "three-90": lambda: least_squares(np.deg2rad([0, 90, 180]), name="three-90"),
     "four": lambda: least_squares(np.deg2rad([0, 90, 180, 270]), name="four"),
     # Hariharan, Oreb, Eiju, Appl. Opt. 26 (1987) 2504, eq. 9: blind to a linear step error at first order.
-    "hariharan-5": lambda: _from_rows(
-        "hariharan-5", [-180, -90, 0, 90, 180], [-1, 0, 2, 0, -1], [0, 2, 0, -2, 0]
-    ),
+    "hariharan-5": lambda: _from_rows("hariharan-5", [-180, -90, 0, 90, 180], [-1, 0, 2, 0, -1], [0, 2, 0, -2, 0]),
     # Schwider et al., Opt. Eng. 32 (1993) 1883: three steps of 90 deg, frames 1-3 and 2-4 added.
     "schwider-4": lambda: _from_rows("schwider-4", [0, 90, 180, 270], [1, 1, -3, 1], [1, -3, 1, 1]),
 }

@@ -147,9 +147,7 @@ def _measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None) -> li
     """Cut the picture into blocks and measure the smooth ones."""
     valid = map_.valid if mask is None else map_.valid & np.asarray(mask, bool)
     if not valid.any():
-        raise PhaseError(
-            "no pixel carries a phase, so no step can be measured: check exposure and stated steps"
-        )
+        raise PhaseError("no pixel carries a phase, so no step can be measured: check exposure and stated steps")
     unwrapped = unwrap(map_.phase, valid)
     period = fringe_period(map_.phase, valid).period_px
     side = int(np.clip(round(BLOCK_FRINGES * period), *_BLOCK_LIMITS_PX))
@@ -182,9 +180,7 @@ def _measure_block(grey: NDArray, phase: NDArray, pieces: NDArray) -> _Block | N
     carrier, roughness = _smooth(quadratic, phase[use])
     if roughness > _MAX_ROUGHNESS_RAD or np.ptp(carrier) < 2 * np.pi * _LEAST_CYCLES_IN_BLOCK:
         return None
-    return _fit_frames(
-        grey[:, use].astype(np.float64), carrier, quadratic, (float(columns.mean()), float(rows.mean()))
-    )
+    return _fit_frames(grey[:, use].astype(np.float64), carrier, quadratic, (float(columns.mean()), float(rows.mean())))
 
 
 def _smooth(basis: NDArray, values: NDArray) -> tuple[NDArray, float]:

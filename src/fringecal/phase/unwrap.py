@@ -39,9 +39,7 @@ class Unwrapped:
         return int(self.pieces.max(initial=0))
 
 
-def unwrap(
-    phase: ArrayLike, valid: ArrayLike | None = None, *, quality: ArrayLike | None = None
-) -> Unwrapped:
+def unwrap(phase: ArrayLike, valid: ArrayLike | None = None, *, quality: ArrayLike | None = None) -> Unwrapped:
     """Unwrap a phase map, joining reliable neighbours first.
 
     Parameters
@@ -155,9 +153,7 @@ def _second_differences(phase, mask):  # type: ignore[no-untyped-def]
         for j in range(1, width - 1):
             if mask[i - 1 : i + 2, j - 1 : j + 2].all():
                 p = phase[i, j]
-                total = _bend(phase[i, j - 1], p, phase[i, j + 1]) + _bend(
-                    phase[i - 1, j], p, phase[i + 1, j]
-                )
+                total = _bend(phase[i, j - 1], p, phase[i, j + 1]) + _bend(phase[i - 1, j], p, phase[i + 1, j])
                 total += _bend(phase[i - 1, j - 1], p, phase[i + 1, j + 1])
                 total += _bend(phase[i - 1, j + 1], p, phase[i + 1, j - 1])
                 bend[i, j] = total
