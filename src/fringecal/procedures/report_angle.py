@@ -75,7 +75,7 @@ def columns_frame(found: Commissioning) -> pd.DataFrame:
         for c in found.columns
     ]
     frame = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    return frame.rename(columns={key: name for key, (name, _) in _COLUMNS.items()})
+    return frame.set_axis([_COLUMNS[str(key)][0] for key in frame.columns], axis="columns")
 
 
 def _theory(found: Commissioning) -> Array | None:

@@ -72,7 +72,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     keys = ("name", "value", "u", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     formats = {"value": ".3g", "u": ".2g", "limit": ".3g"}
-    return Table("What was checked", frame.rename(columns={"name": "check"}), formats=formats)
+    return Table("What was checked", frame.set_axis(["check", *keys[1:]], axis="columns"), formats=formats)
 
 
 def severest(checks: Sequence[Check]) -> Decision:

@@ -147,9 +147,9 @@ def _profile_table(errors: ZigzagErrors, *, edges: bool) -> Table:
 def _renamed(caption: str, frame: pd.DataFrame, columns: dict[str, tuple[str, str]], note: str) -> Table:
     """Pick and name the columns of a table that are to be printed."""
     kept = [key for key in columns if key in frame.columns]
-    names = {key: columns[key][0] for key in kept}
+    names = [columns[key][0] for key in kept]
     formats = {name: form for name, form in columns.values() if form != "s"}
-    return Table(caption, frame[kept].rename(columns=names), note, formats)
+    return Table(caption, frame[kept].set_axis(names, axis="columns"), note, formats)
 
 
 def _flank_table(errors: ZigzagErrors) -> Table:
