@@ -48,8 +48,8 @@ def test_scatter_counts_in_u():
     means = []
     for _ in range(200):
         shift = rng.normal(0, 0.2, 21)
-        found = thesis_scale(detection(lambda i, j: (13.0 * i + shift[i], 13.0 * j)), Estimate(10.0, 0.0))
-        means.append(found.horizontal)
+        moved = detection(lambda i, j, shift=shift: (13.0 * i + shift[i], 13.0 * j))
+        means.append(thesis_scale(moved, Estimate(10.0, 0.0)).horizontal)
     spread = np.std([m.value for m in means])
     # Neighbouring distances share a line, so their mean scatters less than sd / sqrt(n) says: a safe u.
     assert spread < np.median([m.u for m in means])

@@ -18,8 +18,8 @@ def deviations_px(points_px: Array) -> Array:
 
     Examples
     --------
-    >>> deviations_px(np.array([[0.0, 0.0], [1.0, 1.0], [2.0, 2.0]])).round(12).tolist()
-    [0.0, 0.0, 0.0]
+    >>> np.abs(deviations_px(np.array([[0.0, 0.0], [1.0, 0.3], [2.0, 0.0]]))).round(3).tolist()
+    [0.1, 0.2, 0.1]
     """
     centred = points_px - points_px.mean(axis=0)
     _, _, axes = np.linalg.svd(centred, full_matrices=False)

@@ -24,7 +24,8 @@ MAX_COARSE_DEGREE = 3
 OBSERVATIONS_PER_COEFFICIENT = 3
 NEGLIGIBLE_PX = 1e-3
 STEP_INDEX = 1e-4
-MAX_POINTS = 20_000
+# The map only has to be near; the parabolas use all points.
+MAX_POINTS = 6_000
 REJECT_SIGMAS = 5.0
 
 

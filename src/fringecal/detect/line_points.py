@@ -187,6 +187,44 @@ def _accumulate(image, frame, half, template, normal, right):  # type: ignore[no
     return weights, squares
 
 
+@njit(cache=True)
+def _invert(matrix, inverse, size):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Invert a small positive definite matrix by Gauss-Jordan steps; false if it is singular."""
+    inverse[:] = 0.0
+    for a in range(size):
+        inverse[a, a] = 1.0
+    for a in range(size):
+        pivot = matrix[a, a]
+        if not pivot > 0.0:
+            return False
+        for b in range(size):
+            matrix[a, b] /= pivot
+            inverse[a, b] /= pivot
+        for c in range(size):
+            factor = matrix[c, a]
+            if c != a and factor != 0.0:
+                for b in range(size):
+                    matrix[c, b] -= factor * matrix[a, b]
+                    inverse[c, b] -= factor * inverse[a, b]
+    return True
+
+
+@njit(cache=True)
+def _solve(normal, right, inverse, solution, size):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Solve normal equations; returns the sum of squares they explain, -1 if they are singular."""
+    for a in range(size):
+        normal[a, a] *= 1.0 + 1e-9
+    if not _invert(normal, inverse, size):
+        return -1.0
+    explained = 0.0
+    for a in range(size):
+        solution[a] = 0.0
+        for b in range(size):
+            solution[a] += inverse[a, b] * right[b]
+        explained += solution[a] * right[a]
+    return explained
+
+
 @njit(cache=True, parallel=True)
 def _measure(image, centre, direction, half_length, half_width, template):  # type: ignore[no-untyped-def] # pragma: no cover
     """Rows (offset, its u, contrast, its u, 1 if inside the picture, residual variance) of every patch."""
@@ -199,7 +237,9 @@ def _measure(image, centre, direction, half_length, half_width, template):  # ty
         reach_u = abs(dx) * (half[0] + 0.5) + abs(dy) * (half[1] + 0.5)
         reach_v = abs(dy) * (half[0] + 0.5) + abs(dx) * (half[1] + 0.5)
         normal = np.empty((5, 5))
+        inverse = np.empty((5, 5))
         right = np.empty(5)
+        solution = np.empty(5)
         # A slope of the background is told from a shift of the line only beside the line.
         size = 5 if half[1] > reach + 1.0 else 4
         offset = 0.0
@@ -213,15 +253,12 @@ def _measure(image, centre, direction, half_length, half_width, template):  # ty
             weights, squares = _accumulate(image, frame, half, table, normal, right)
             if weights < size + 2:
                 break
-            scale = np.sqrt(np.diag(normal)[:size]) + 1e-12
-            matrix = normal[:size, :size] / np.outer(scale, scale) + 1e-9 * np.eye(size)
-            inverse = np.linalg.inv(matrix) / np.outer(scale, scale)
-            solution = inverse @ right[:size]
+            explained = _solve(normal, right, inverse, solution, size)
             contrast = solution[1]
-            if contrast == 0.0:
+            if explained < 0.0 or contrast == 0.0:
                 break
             shift = -solution[2] / contrast
-            rest = max(squares - solution @ right[:size], 1e-6 * weights) / (weights - size)
+            rest = max(squares - explained, 1e-6 * weights) / (weights - size)
             out[p, 0] = offset
             out[p, 1] = np.sqrt(rest * inverse[2, 2]) / abs(contrast)
             out[p, 2] = contrast
