@@ -37,11 +37,36 @@ def camera_section(found: CameraFindings) -> Section:
         _sentences(found),
         (
             estimates_table("Scale on the plate at the image centre", found.scales, first="scale"),
+            *thesis_tables(found),
             local_scale_table(found.fit.camera, found.scales["mean"].value),
             _parameters_table(found),
         ),
         (_overlay(found), _residuals(found)),
     )
+
+
+def thesis_tables(found: CameraFindings) -> tuple[Table, ...]:
+    """Tabulate line distances and the errors of the mean factor, the thesis's way (its tables 3.1 to 3.4)."""
+    tables = found.tables
+    factors = f"mean factor {concise(tables.mean)}; distances in the middle third of the picture"
+    errors = f"distances at other places by the mean factor; largest error {tables.largest_error_percent:+.3f} %"
+    parts = (
+        ("Distances between vertical lines", tables.vertical_lines, factors),
+        ("Distances between horizontal lines", tables.horizontal_lines, factors),
+        ("Errors of distances between vertical lines", tables.horizontal_errors, errors),
+        ("Errors of distances between horizontal lines", tables.vertical_errors, errors),
+    )
+    return tuple(Table(caption, _by_span(frame), note) for caption, frame, note in parts)
+
+
+def _by_span(frame: pd.DataFrame) -> pd.DataFrame:
+    """One row for each span between lines: the single distances fill pages, the CSV of a grid has them all."""
+    numbers = frame.drop(columns=["first_line", "last_line", "places"], errors="ignore").groupby(["part", "span"])
+    means = numbers.mean().add_prefix("mean ")
+    spread = numbers.std().fillna(0.0).add_prefix("sd ")
+    count = numbers.size().rename("distances")
+    table = pd.concat([count, means, spread], axis=1).reset_index()
+    return table.drop(columns=[c for c in table if c in ("sd distance_mm",)])
 
 
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
