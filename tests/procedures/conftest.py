@@ -52,10 +52,10 @@ class Judged:
         return self.found.angle.value - self.truth["angle_origin_deg"]
 
 
-def judged(folder: Path, truth: dict[str, Any], maps: dict[str, np.ndarray], *, filters: bool) -> Judged:
+def judged(folder: Path, truth: dict[str, Any], maps: dict[str, np.ndarray]) -> Judged:
     session = load_session(folder)
     found = commission(session)
-    bars = verify(session, "bars", found.calibration, with_filters=filters)
+    bars = verify(session, "bars", found.calibration, with_filters=False)
     return Judged(session, found, bars, truth, maps)
 
 
@@ -66,7 +66,7 @@ def simulated(rig, folder: Path) -> Judged:
     )
     true = truth_of(rig)
     truth = {"scale_h": true.scale_h, "scale_v": true.scale_v, "angle_origin_deg": true.angle_origin_deg}
-    return judged(folder, truth, {name: frames.z for name, frames in taken.captures.items()}, filters=False)
+    return judged(folder, truth, {name: frames.z for name, frames in taken.captures.items()})
 
 
 @pytest.fixture(scope="session")
@@ -87,4 +87,4 @@ def thesis_7(tmp_path_factory) -> Judged:
 def oblique(request) -> Judged:
     folder = request.config.rootpath / "tests" / "data" / "oblique"
     with np.load(folder / "truth.npz") as maps:
-        return judged(folder, json.loads((folder / "truth.json").read_text()), dict(maps), filters=False)
+        return judged(folder, json.loads((folder / "truth.json").read_text()), dict(maps))

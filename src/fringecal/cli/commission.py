@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, write_report
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
@@ -38,6 +38,7 @@ def commission(
     from fringecal.records.files import result_folder
     from fringecal.session import load_session
 
+    demand_folder(out)
     command = command_line("commission", [session, "--out", out])
     with progress(quiet=as_json) as show:
         loaded = load_session(session)

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, write_report
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
 
@@ -43,6 +43,7 @@ def demo(
     from fringecal.simulate import load_rig, simulate_session, truth_of
 
     started = time.perf_counter()
+    demand_folder(out)
     command = command_line("demo", ["--out", out])
     with progress(quiet=as_json) as show:
         rig = load_rig("thesis")

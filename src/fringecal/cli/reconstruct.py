@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, write_report
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
 
@@ -46,6 +46,7 @@ def reconstruct(
 
     if model not in HEIGHT_MODELS:
         raise typer.BadParameter(f"model is one of {', '.join(HEIGHT_MODELS)}, found {model!r}")
+    demand_folder(out)
     command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out])
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
@@ -83,4 +84,6 @@ def reconstruct(
 def _range(lowest: float | None, highest: float | None) -> tuple[float, float] | None:
     if lowest is None and highest is None:
         return None
+    if lowest is not None and highest is not None and lowest >= highest:
+        raise typer.BadParameter(f"--lowest-mm {lowest:g} is not below --highest-mm {highest:g}")
     return (-np.inf if lowest is None else lowest, np.inf if highest is None else highest)

@@ -4,10 +4,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import typer
+from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, write_report
 
 HELP = """Measure a zig-zag of angle bars with a calibrated rig and tabulate its height errors.
 
@@ -40,6 +41,7 @@ def verify(
     from fringecal.records.verification import VERIFICATION_FILE, write_verification
     from fringecal.session import load_session
 
+    demand_folder(out)
     command = command_line("verify", [session, "--calibration", calibration, "--out", out])
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
@@ -75,9 +77,11 @@ def _rows(text: str) -> tuple[int, ...] | None:
 
 
 def _table(errors) -> Table:  # type: ignore[no-untyped-def]
-    table = Table(title=f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm")
+    title = f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm"
+    # Narrow enough for 80 columns: a number that is cut cannot be read.
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=0)
     for heading in ("profile", "row px", "y mm", "n", "mean mm", "sd mm", "max mm", "mean %", "max %", "u mm", "En"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, justify="right", no_wrap=True)
     for p in (*errors.profiles, errors.pooled):
         en = "" if p.en is None else f"{p.en:+.2f}"
         numbers = (p.mean_mm, p.sd_mm, p.max_abs_mm)

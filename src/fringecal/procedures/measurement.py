@@ -65,8 +65,18 @@ def reconstruct(
     progress(f"heights of {capture.name}")
     surface = reconstruct_height(phase.map, calibration, model=model, height_range_mm=height_range_mm)
     if not surface.mask.any():
-        raise FitError(
-            f"capture {capture.name!r}: no part of the picture could be given a fringe order, as no connected part "
-            "of it shows the plate. Leave some plate visible beside the object, or state its height range."
-        )
+        raise FitError(_nothing_measured(capture.name, height_range_mm))
     return Measurement(capture, phase, surface, model)
+
+
+def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:
+    if height_range_mm is not None:
+        low, high = height_range_mm
+        return (
+            f"capture {name!r}: no part of the surface lies between the stated {low:g} and {high:g} mm; state the "
+            "heights above the plate that the object can have, or none."
+        )
+    return (
+        f"capture {name!r}: no part of the picture could be given a fringe order, as no connected part of it shows the "
+        "plate. Leave some plate visible beside the object, or state its height range."
+    )

@@ -1,0 +1,76 @@
+"""The command as a user meets it: one rig commissioned once, and broken copies of its session for each test."""
+
+import contextlib
+import io
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from fringecal.cli.app import main
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command left on the two streams, and its exit code."""
+
+    code: int
+    stdout: str
+    stderr: str
+
+    @property
+    def document(self):
+        return json.loads(self.stdout)
+
+
+@pytest.fixture
+def run(capfd):
+    """Run a command in this process, streams caught."""
+
+    def command(*arguments) -> Outcome:
+        capfd.readouterr()
+        try:
+            main([str(a) for a in arguments])
+            code = 0
+        except SystemExit as stop:
+            code = stop.code
+        return Outcome(code, *capfd.readouterr())
+
+    return command
+
+
+@pytest.fixture(scope="session")
+def data(request) -> Path:
+    return request.config.rootpath / "tests" / "data"
+
+
+@pytest.fixture(scope="session")
+def commissioned(data, tmp_path_factory) -> tuple[Path, dict]:
+    """Commission the oblique rig once, since it takes a while."""
+    folder, stdout = tmp_path_factory.mktemp("cli") / "calibration", io.StringIO()
+    with contextlib.redirect_stdout(stdout), pytest.raises(SystemExit) as stop:
+        main(["commission", str(data / "oblique"), "--out", str(folder), "--json"])
+    assert stop.value.code == 0
+    return folder, json.loads(stdout.getvalue())
+
+
+@pytest.fixture(scope="session")
+def calibration(commissioned) -> Path:
+    """Folder with the calibration of the oblique rig."""
+    return commissioned[0]
+
+
+@pytest.fixture(scope="session")
+def printed(commissioned) -> dict:
+    """What commissioning printed with --json."""
+    return commissioned[1]
+
+
+@pytest.fixture
+def session(data, tmp_path) -> Path:
+    """A copy of the oblique session to be broken, without its truth."""
+    return Path(
+        shutil.copytree(data / "oblique", tmp_path / "session", ignore=shutil.ignore_patterns("truth*", "README.md"))
+    )
