@@ -15,6 +15,7 @@ Array = NDArray[np.float64]
 
 _MIN_CROSSINGS = 12
 _OUTLIER = 4.0  # residuals beyond this many robust sigmas are wrong crossings, not noise
+_LEAST_FACTOR = 0.02  # residuals of drawn pictures may vanish; the priors must still be felt beside them
 _POSE = ("turn_rad", "x0_mm", "y0_mm", "stretch")
 
 
@@ -204,9 +205,8 @@ def _solve(problem: _Problem, start: Array, keep: Array, factor: float) -> _Solu
     result = least_squares(
         _residuals, start, args=(problem, keep, factor), x_scale=scales, method="trf", xtol=1e-12, ftol=1e-12
     )
-    jacobian = result.jac * scales
-    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
-    del left
+    jacobian = np.asarray(result.jac, dtype=float) * scales
+    _, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     if singular[-1] < 1e-9 * singular[0]:
         raise FitError(
             "The grid does not determine the camera: two of its parameters cannot be told apart. Photograph a "
@@ -232,6 +232,7 @@ def _solve_robustly(problem: _Problem, start: Array) -> tuple[_Solution, Array]:
             )
         spread = np.concatenate([du[keep], dv[keep]]) / np.tile(problem.sigma[keep], 2)
         factor = math.sqrt(np.sum(spread**2) / max(1, spread.size - solution.vector.size))
+        factor = max(factor, _LEAST_FACTOR)
         solution = _solve(problem, solution.vector, keep, factor)
     return solution, keep
 
@@ -240,9 +241,7 @@ def _report(problem: _Problem, solution: _Solution, keep: Array) -> CameraFit:
     free = list(problem.free)
     covariance = np.zeros((len(CAMERA_NAMES),) * 2)
     covariance[np.ix_(free, free)] = solution.covariance[: len(free), : len(free)]
-    camera = _camera_of(problem, solution.vector).replaced(
-        _camera_of(problem, solution.vector).parameters, covariance
-    )
+    camera = _camera_of(problem, solution.vector).replaced(_camera_of(problem, solution.vector).parameters, covariance)
     du, dv = (np.where(keep, d, np.nan) for d in _misfit_px(problem, solution.vector))
     rms = math.sqrt(float(np.nanmean(np.concatenate([du, dv]) ** 2)))
     return CameraFit(
