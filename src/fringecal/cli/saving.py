@@ -12,19 +12,22 @@ if TYPE_CHECKING:
     from fringecal.report.structure import Report
 
 REPORT_FILE = "report.html"
+SHEETS_FILE = "report.pdf"
 
 
 def write_report(report: "Report", folder: Path) -> None:
-    """Write a report with its tables as CSV and its figures beside it."""
+    """Write a report as a page and as sheets, with its tables as CSV and its figures beside them."""
     from fringecal.procedures.report_parts import figures_of, tables_of
     from fringecal.records.files import write_bytes, write_table
     from fringecal.report.html import write_html
+    from fringecal.report.pdf import write_pdf
 
     for name, frame in tables_of(report).items():
         write_table(_made(folder / "tables") / name, frame)
     for name, content in figures_of(report).items():
         write_bytes(_made(folder / "figures") / name, content)
     write_html(report, folder / REPORT_FILE)
+    write_pdf(report, folder / SHEETS_FILE)
 
 
 def demand_folder(out: Path) -> None:
