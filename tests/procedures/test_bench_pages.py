@@ -1,0 +1,85 @@
+"""Bench pages: each belongs to one function and one verb, and says what these do."""
+
+import importlib
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+
+from fringecal.cli.app import VERBS, build_app
+from fringecal.procedures import checks
+
+FOLDER = Path(__file__).parents[2] / "procedures"
+PAGES = sorted(path for path in FOLDER.glob("*.md") if path.name != "README.md")
+SECTIONS = ["Purpose", "Artefacts", "Environment", "Steps", "What good and bad look like", "Acceptance", "Record"]
+
+
+def parts(page):
+    """Front matter as a table, and the text after it."""
+    _, front, text = page.read_text(encoding="utf-8").split("+++\n", 2)
+    return tomllib.loads(front), text
+
+
+@pytest.fixture(params=PAGES, ids=lambda page: page.stem)
+def page(request):
+    return request.param
+
+
+def test_function_and_verb_exist_and_belong_together(page):
+    front, _ = parts(page)
+    assert set(front) == {"function", "verb"}
+    module, _, name = front["function"].partition(":")
+    function = getattr(importlib.import_module(module), name)
+    assert callable(function)
+    assert function.__module__ == module
+    assert front["verb"] in VERBS
+    # The verb is a door to this very function.
+    source = Path(importlib.import_module(f"fringecal.cli.{front['verb']}").__file__).read_text(encoding="utf-8")
+    assert re.search(rf"from {re.escape(module)} import {name}\b", source)
+
+
+def test_one_page_per_function_and_verb():
+    fronts = [parts(page)[0] for page in PAGES]
+    for key in ("function", "verb"):
+        assert len({front[key] for front in fronts}) == len(PAGES)
+    assert {front["verb"] for front in fronts} == {"commission", "verify", "reconstruct"}
+
+
+def test_sections_in_one_order(page):
+    assert re.findall(r"^## (.+)$", parts(page)[1], flags=re.MULTILINE) == SECTIONS
+
+
+def test_the_command_parses(page):
+    front, text = parts(page)
+    (line,) = re.findall(r"```sh\n(.+?)\n```", text)
+    program, verb, *arguments = shlex.split(line)
+    assert (program, verb) == ("fringecal", front["verb"])
+    command = typer.main.get_command(build_app(verb))
+    # A group of one verb is that verb itself.
+    command = getattr(command, "commands", {verb: command})[verb]
+    command.make_context(verb, arguments)
+
+
+def test_the_list_of_pages_is_whole():
+    listed = re.findall(r"\]\((.+?\.md)\)", (FOLDER / "README.md").read_text(encoding="utf-8"))
+    assert sorted(listed) == [page.name for page in PAGES]
+
+
+@pytest.mark.parametrize(
+    ("check", "limit"),
+    [
+        ("plate phase residual", checks.PLATE_RESIDUAL_LIMIT_RAD),
+        ("grid residual", checks.GRID_RESIDUAL_LIMIT_PX),
+        ("standard uncertainty of the projection angle", checks.ANGLE_U_LIMIT_DEG),
+        ("angle against theory", checks.EN_LIMIT),
+    ],
+)
+def test_limits_are_those_of_the_code(check, limit):
+    _, text = parts(FOLDER / "commissioning.md")
+    acceptance = text.partition("## Acceptance")[2]
+    (row,) = [line for line in acceptance.splitlines() if line.startswith(f"| {check}")]
+    number = re.search(r"[\d.]+", row.split("|")[2].replace("abs(En) <=", ""))
+    assert float(number[0]) == limit
