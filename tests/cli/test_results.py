@@ -164,6 +164,12 @@ def test_targets_are_listed_and_shown(run):
     assert shown["derived"]["full_height_mm"]["value"] == pytest.approx(40 * np.sqrt(0.5))
 
 
+def test_a_sheet_is_drawn(run, tmp_path):
+    drawn = run("targets", "draw", "grid-10mm", "--out", tmp_path / "grid.pdf", "--json").document
+    assert (tmp_path / "grid.pdf").read_bytes().startswith(b"%PDF")
+    assert (drawn["width_mm"], drawn["height_mm"]) in {(210, 297), (297, 210)}  # A4
+
+
 @pytest.mark.slow
 def test_demo(run, tmp_path):
     out = tmp_path / "demo"

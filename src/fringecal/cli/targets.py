@@ -68,6 +68,7 @@ def draw_command(
     ),
     page: str = typer.Option("A4", help="A5..A0, letter, legal, tabloid, or WIDTHxHEIGHT in mm."),
     margin_mm: float = typer.Option(8.0, help="What the printer leaves white at each edge."),
+    as_json: bool = AS_JSON,
 ) -> None:
     """Draw a printable target true to scale, with a 100 mm check ruler on each axis."""
     writers = {".pdf": pdf, ".svg": lambda drawing: svg(drawing).encode()}
@@ -76,6 +77,9 @@ def draw_command(
         raise TargetError(f'"{out}" ends in {out.suffix or "nothing"}; a sheet is written as .pdf or .svg')
     drawing = sheet(load_target(name), page=page, margin_mm=margin_mm)
     _write(out, writer(drawing))
+    if as_json:
+        print_json({"file": str(out), "width_mm": drawing.width_mm, "height_mm": drawing.height_mm})
+        return
     console.print(f"{out}: {drawing.width_mm:g} x {drawing.height_mm:g} mm")
     console.print("Print at actual size, then measure both rulers.")
 
