@@ -50,9 +50,7 @@ def zigzag_px(shape: tuple[int, int], *, period_px: float = 80.0, apex_deg: floa
     x = np.arange(n_columns) - (n_columns - 1) / 2
     n_bars = int(0.75 * n_columns / period_px)
     if n_bars < 1:
-        raise FringecalError(
-            f"a zig-zag of period {period_px:g} px does not fit a picture {n_columns} px wide"
-        )
+        raise FringecalError(f"a zig-zag of period {period_px:g} px does not fit a picture {n_columns} px wide")
     slope = 1 / np.tan(np.radians(apex_deg) / 2)
     from_foot = (x + n_bars * period_px / 2) % period_px
     profile = slope * np.minimum(from_foot, period_px - from_foot)

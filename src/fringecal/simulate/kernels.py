@@ -110,9 +110,7 @@ def see(world: World, ray: Ray) -> tuple[float, int, Triple, float]:
         z_hit = _field_hit(world.field, world.frame, ray, z)
         if z_hit > z + TOUCH_MM:
             z, surface = z_hit, 1 + world.n_faces + world.n_spheres
-            albedo, normal = _field_surface(
-                world.field, world.frame, ray[0] + ray[2] * z, ray[1] + ray[3] * z
-            )
+            albedo, normal = _field_surface(world.field, world.frame, ray[0] + ray[2] * z, ray[1] + ray[3] * z)
     return z, surface, normal, albedo
 
 

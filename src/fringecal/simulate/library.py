@@ -18,9 +18,7 @@ def list_rigs() -> list[str]:
     True
     """
     folder = resources.files("fringecal.simulate") / "rigs"
-    return sorted(
-        entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")
-    )
+    return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
 def load_rig(name_or_path: str | Path) -> RigSpec:

@@ -134,9 +134,7 @@ def _centres(
 def _refuse_grazing(rig: RigSpec) -> None:
     aim, position = np.array(rig.projector.aim_mm), np.array(rig.projector.position_mm)
     if math.hypot(*(aim - position[:2])) > 10 * position[2]:
-        raise FringecalError(
-            f"the projector at {rig.projector.position_mm} mm grazes the plate; raise it above 6 deg"
-        )
+        raise FringecalError(f"the projector at {rig.projector.position_mm} mm grazes the plate; raise it above 6 deg")
 
 
 def _fringe_light(rig: RigSpec, lamp: np.ndarray) -> Light:
@@ -218,9 +216,7 @@ def _texture(surface: SurfaceSpec) -> Texture:
     tables[0] = ndimage.gaussian_filter(tables[0], 1.0, mode="wrap")
     tables[0] /= tables[0].std()
     tables *= np.array([surface.smooth, surface.speckle])[:, None, None]
-    return Texture(
-        np.pad(tables, ((0, 0), (0, 1), (0, 1)), mode="wrap"), surface.smooth_mm, surface.speckle_mm
-    )
+    return Texture(np.pad(tables, ((0, 0), (0, 1), (0, 1)), mode="wrap"), surface.smooth_mm, surface.speckle_mm)
 
 
 def _blurred(levels: np.ndarray, rig: RigSpec) -> np.ndarray:

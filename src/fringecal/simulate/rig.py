@@ -75,9 +75,7 @@ class ProjectorSpec(_Part):
     @model_validator(mode="after")
     def _above_the_plate(self) -> Self:
         if self.position_mm[2] <= 0:
-            raise ValueError(
-                f"position_mm: z = {self.position_mm[2]:g}; the projector must stand above the plate"
-            )
+            raise ValueError(f"position_mm: z = {self.position_mm[2]:g}; the projector must stand above the plate")
         return self
 
 
@@ -97,9 +95,7 @@ class StepsSpec(_Part):
         for name in ("error_deg", "tilt_deg"):
             found = len(getattr(self, name))
             if found not in (0, len(self.nominal_deg)):
-                raise ValueError(
-                    f"{name}: {found} values for {len(self.nominal_deg)} steps; give none or one each"
-                )
+                raise ValueError(f"{name}: {found} values for {len(self.nominal_deg)} steps; give none or one each")
         return self
 
 
@@ -216,7 +212,5 @@ def rig_from(document: Mapping[str, Any], where: str) -> RigSpec:
     try:
         return RigSpec.model_validate(document)
     except ValidationError as error:
-        faults = (
-            f"{'.'.join(map(str, e['loc']))}: {e['msg']} (found {e['input']!r})" for e in error.errors()
-        )
+        faults = (f"{'.'.join(map(str, e['loc']))}: {e['msg']} (found {e['input']!r})" for e in error.errors())
         raise FringecalError(f"{where} cannot be used:\n  " + "\n  ".join(faults)) from None

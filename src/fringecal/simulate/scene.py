@@ -72,9 +72,7 @@ class HeightField:
     def placed(self, x_mm: float, y_mm: float, angle_rad: float) -> "HeightField":
         """Turn the field about the plate's normal, then move it."""
         centre = _rotation(angle_rad)[:2, :2] @ np.array(self.centre_mm) + (x_mm, y_mm)
-        return replace(
-            self, centre_mm=(float(centre[0]), float(centre[1])), angle_rad=self.angle_rad + angle_rad
-        )
+        return replace(self, centre_mm=(float(centre[0]), float(centre[1])), angle_rad=self.angle_rad + angle_rad)
 
 
 @dataclass(frozen=True)

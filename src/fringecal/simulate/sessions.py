@@ -112,9 +112,7 @@ def session_document(rig: RigSpec, captures: Iterable[CaptureSpec], *, seed: int
     else:
         height = rig.camera.height_mm + stated.camera_height_u_mm * height_error
         camera["height_mm"] = {"value": round(height, 2), "u": stated.camera_height_u_mm}
-    position = np.array(rig.projector.position_mm) + stated.projector_position_u_mm * np.array(
-        position_errors
-    )
+    position = np.array(rig.projector.position_mm) + stated.projector_position_u_mm * np.array(position_errors)
     u_position = [stated.projector_position_u_mm] * 3
     return {
         "format": 1,
