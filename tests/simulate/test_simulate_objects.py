@@ -1,13 +1,16 @@
 """Shapes of virtual targets, their edges, and printed patterns."""
 
+from typing import get_args
+
+import cv2
 import numpy as np
 import pytest
 
 from fringecal.errors import FringecalError
 from fringecal.simulate import HeightField, RigSpec, leaf_scene, render, scene_of
-from fringecal.simulate.objects import rounded_ridge
+from fringecal.simulate.objects import BUILDERS, rounded_ridge
 from fringecal.simulate.scene import Scene, together
-from fringecal.targets import load_target, parse_target
+from fringecal.targets import Target, list_targets, load_target, parse_target
 
 
 def rig(**sections):
@@ -73,9 +76,7 @@ def test_strips_shift_phase_by_the_closed_form():
 
 def test_strips_may_differ():
     z = heights(
-        scene_of(
-            target("strips", count=2, width_mm=[19.0, 15.0], gap_mm=6.0, height_mm=[2.0, 5.0], length_mm=80.0)
-        )
+        scene_of(target("strips", count=2, width_mm=[19.0, 15.0], gap_mm=6.0, height_mm=[2.0, 5.0], length_mm=80.0))
     )
     assert z[80, 81] == z[80, 98] == pytest.approx(2.0)
     assert z[80, 102] == 0
@@ -155,9 +156,7 @@ def test_edge_pixels_hold_the_covered_share():
     scene = scene_of(target("box", width_mm=10.2, length_mm=100.0, height_mm=0.5)).placed(-0.2, 0.0, 1.0)
     solid = scene.solids[0]
     dark = Scene(solids=(type(solid)(solid.planes, solid.corners, 0.5),))
-    frame = render(
-        rig(projector={"position_mm": (0.0, 10.0, 1e6), "contrast": 0.0}), dark, noise=False
-    ).frames[0]
+    frame = render(rig(projector={"position_mm": (0.0, 10.0, 1e6), "contrast": 0.0}), dark, noise=False).frames[0]
     share = 2 * (1 - frame[50:110] / frame[0, 0])
     width = share.sum(axis=1).mean()
     assert width == pytest.approx(10.2 / np.cos(np.radians(1.0)), abs=0.01)
@@ -221,9 +220,53 @@ class TestPrintedPatterns:
         assert share.sum() / 0.92 == pytest.approx(6 * np.pi * 36, rel=2e-3)
         assert share[95, 130] > 0.9
 
-    def test_charuco_is_refused_plainly(self):
-        with pytest.raises(FringecalError, match="cannot be simulated"):
-            scene_of(load_target("charuco"))
+    @pytest.mark.parametrize(
+        ("columns", "rows", "dictionary", "turn_deg"),
+        [(7, 10, "DICT_5X5_100", 0.0), (6, 5, "DICT_4X4_50", 20.0), (6, 5, "DICT_4X4_50", 180.0)],
+    )
+    def test_opencv_finds_every_corner_of_a_charuco_in_its_place(self, columns, rows, dictionary, turn_deg):
+        board = target("charuco", squares=[columns, rows], square_mm=10.0, marker_mm=7.2, dictionary=dictionary)
+        scale = 0.3
+        camera = {"width_px": 385, "height_px": 385, "scale_mm_per_px": scale, "defocus_px": 0.5}
+        scene = scene_of(board).placed(3.0, -2.0, turn_deg)
+        frame = render(rig(camera=camera), scene, noise=False, light="room").frames[0]
+        known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+        detector = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard((columns, rows), 10.0, 7.2, known))
+        corners, ids, _, markers = detector.detectBoard(np.round(frame).astype(np.uint8))
+        assert sorted(markers.ravel()) == list(range(columns * rows // 2))
+        assert sorted(ids.ravel()) == list(range((columns - 1) * (rows - 1)))
+        # OpenCV numbers inner corners row by row from the top left.
+        row, column = np.divmod(ids.ravel(), columns - 1)
+        x, y = 10.0 * (column - (columns - 2) / 2), -10.0 * (row - (rows - 2) / 2)
+        c, s = np.cos(np.radians(turn_deg)), np.sin(np.radians(turn_deg))
+        u, v = 192 + (c * x - s * y + 3.0) / scale, 192 - (s * x + c * y - 2.0) / scale
+        # What OpenCV's corner refinement reaches on a picture of 8 bits.
+        assert np.abs(corners.reshape(-1, 2) - np.column_stack([u, v])).max() < 0.1
+
+    def test_bits_of_one_colour_join_without_a_seam(self):
+        board = target("charuco", squares=[3, 3], square_mm=40.0, marker_mm=30.0, dictionary="DICT_4X4_50")
+        frame = render(rig(), scene_of(board), noise=False, light="room").frames[0]
+        # The marker above the middle: its border of 5 mm is black all along, y = 50 to 55 mm.
+        border = frame[80 - 54 : 80 - 51, 100 - 13 : 100 + 14]
+        assert border == pytest.approx(0.08 * frame.max(), rel=1e-6)
+
+    @pytest.mark.parametrize("rows", [2, 3])
+    def test_boards_begin_with_a_dark_square_at_the_top_left(self, rows):
+        board = target("chessboard", columns=3, rows=rows, square_mm=20.0)
+        frame = render(rig(), scene_of(board), noise=False, light="room").frames[0]
+        assert frame[80 - 10 * rows, 100 - 30] < 0.1 * frame.max()
+
+
+@pytest.mark.parametrize("name", list_targets())
+def test_every_shipped_target_can_be_drawn(name):
+    drawn = render(rig(), scene_of(load_target(name), field_mm=(201.0, 161.0)), noise=False, light="room")
+    seen = (drawn.surface > 0).any() or drawn.frames[0].min() < 0.5 * drawn.frames[0].max()
+    assert seen or name == "flat-plate"
+
+
+def test_every_kind_of_target_can_be_drawn():
+    kinds = {get_args(model.model_fields["kind"].annotation)[0] for model in get_args(get_args(Target)[0])}
+    assert kinds == {*BUILDERS, "line-grid"}
 
 
 def test_several_targets_stand_together():

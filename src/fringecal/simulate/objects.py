@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.errors import FringecalError
 from fringecal.simulate.patterns import DOTS, LINES, SQUARES, Pattern
 from fringecal.simulate.scene import Scene, Solid, plate
 from fringecal.targets import Target
+from fringecal.targets.aruco import board_bits
 
 RIDGE_FACETS = 24
 LINE_WIDTH_SHARE = 0.08
@@ -25,28 +25,17 @@ def scene_of(target: Target, *, field_mm: tuple[float, float] = (400.0, 400.0)) 
     Parameters
     ----------
     target
-        Any target of `fringecal.targets`; a ChArUco board cannot be drawn by this tracer.
+        Any target of `fringecal.targets`.
     field_mm
         What the picture shows of the plate along x and y: a line grid without a stated number of
         lines fills 90 % of it.
-
-    Raises
-    ------
-    FringecalError
-        For a kind of target that the tracer cannot draw.
     """
     if target.kind == "line-grid":
         return Scene(pattern=_line_grid(target, field_mm))
-    if target.kind not in BUILDERS:
-        raise FringecalError(
-            f"target {target.name}: a {target.kind} cannot be simulated; use a chessboard or dots"
-        )
     return BUILDERS[target.kind](target)
 
 
-def box(
-    x_mm: tuple[float, float], y_mm: tuple[float, float], height_mm: float, *, albedo: float = 1.0
-) -> Solid:
+def box(x_mm: tuple[float, float], y_mm: tuple[float, float], height_mm: float, *, albedo: float = 1.0) -> Solid:
     """Stand a block on the plate between two x and two y."""
     outline = [(x_mm[0], 0.0), (x_mm[1], 0.0), (x_mm[1], height_mm), (x_mm[0], height_mm)]
     return prism(np.array(outline), y_mm, albedo=albedo)
@@ -63,9 +52,7 @@ def prism(outline_mm: np.ndarray, y_mm: tuple[float, float], *, albedo: float = 
     outline = np.asarray(outline_mm, float)
     edges = np.roll(outline, -1, axis=0) - outline
     normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.hypot(*edges.T)[:, None]
-    sides = np.column_stack(
-        [normals[:, 0], np.zeros(len(edges)), normals[:, 1], np.sum(normals * outline, axis=1)]
-    )
+    sides = np.column_stack([normals[:, 0], np.zeros(len(edges)), normals[:, 1], np.sum(normals * outline, axis=1)])
     ends = np.array([[0.0, -1.0, 0.0, -y_mm[0]], [0.0, 1.0, 0.0, y_mm[1]]])
     corners = [(x, y, z) for x, z in outline for y in y_mm]
     return Solid(np.vstack([sides, ends]), np.array(corners), albedo)
@@ -79,9 +66,7 @@ def rounded_ridge(leg_mm: float, apex_deg: float, radius_mm: float = 0.0) -> np.
         return np.array([(-foot, 0.0), (foot, 0.0), (0.0, height)])
     # The arc's centre lies r / sin(half) under the sharp ridge; flank normals stand `half` above x.
     turn = np.linspace(half, np.pi - half, RIDGE_FACETS + 1)
-    arc = np.column_stack(
-        [radius_mm * np.cos(turn), height - radius_mm / np.sin(half) + radius_mm * np.sin(turn)]
-    )
+    arc = np.column_stack([radius_mm * np.cos(turn), height - radius_mm / np.sin(half) + radius_mm * np.sin(turn)])
     return np.vstack([[(-foot, 0.0), (foot, 0.0)], arc])
 
 
@@ -91,9 +76,7 @@ def _halves(length_mm: float) -> tuple[float, float]:
 
 def _strips(target: Any) -> Scene:
     n = target.count
-    widths, heights, lengths = (
-        getattr(target, f"{key}_mm").array(n) for key in ("width", "height", "length")
-    )
+    widths, heights, lengths = (getattr(target, f"{key}_mm").array(n) for key in ("width", "height", "length"))
     gaps = target.gap_mm.array(n - 1) if target.gap_mm is not None and n > 1 else np.zeros(max(n - 1, 0))
     starts = np.concatenate([[0.0], np.cumsum(widths[:-1] + gaps)])
     starts -= (starts[-1] + widths[-1]) / 2
@@ -122,9 +105,7 @@ def _steps(target: Any) -> Scene:
 def _wedge(target: Any) -> Scene:
     low, high = _halves(target.width_mm.value)
     top = target.width_mm.value * np.tan(np.radians(target.angle_deg.value))
-    return Scene(
-        solids=(prism(np.array([(low, 0), (high, 0), (high, top)]), _halves(target.length_mm.value)),)
-    )
+    return Scene(solids=(prism(np.array([(low, 0), (high, 0), (high, top)]), _halves(target.length_mm.value)),))
 
 
 def _box(target: Any) -> Scene:
@@ -167,6 +148,13 @@ def _chessboard(target: Any) -> Scene:
     return Scene(pattern=Pattern(SQUARES, (target.columns + 1, target.rows + 1), target.square_mm.value))
 
 
+def _charuco(target: Any) -> Scene:
+    columns, rows = target.squares
+    bits = board_bits(target.dictionary, columns, rows)
+    square, marker = target.square_mm.value, target.marker_mm.value
+    return Scene(pattern=Pattern(SQUARES, (columns, rows), square, marker, markers=bits))
+
+
 def _dots(target: Any) -> Scene:
     counts, pitch, diameter = (target.columns, target.rows), target.pitch_mm.value, target.diameter_mm.value
     return Scene(pattern=Pattern(DOTS, counts, pitch, diameter, asymmetric=target.asymmetric))
@@ -182,5 +170,6 @@ BUILDERS: dict[str, Callable[[Any], Scene]] = {
     "ball-bar": _ball_bar,
     "flat": _flat,
     "chessboard": _chessboard,
+    "charuco": _charuco,
     "dots": _dots,
 }

@@ -23,11 +23,13 @@ class Pattern:
     counts
         Lines, squares or dots along x and along y.
     pitch_mm, width_mm
-        Their spacing; width of a line or diameter of a dot.
+        Their spacing; width of a line, diameter of a dot or side of a marker.
     heavy_every, heavy_width_mm
         Every so many lines one of another width, counted from the first; 0 for none.
     asymmetric
         Every second row of dots is moved by one pitch, dots are two pitches apart within rows.
+    markers
+        Shape (rows, columns, n, n), row 0 at the top: the black bits of the markers in light squares.
     light
         Light lines on dark paper rather than dark on light.
     specks
@@ -41,6 +43,7 @@ class Pattern:
     heavy_every: int = 0
     heavy_width_mm: float = 0.0
     asymmetric: bool = False
+    markers: np.ndarray = field(default_factory=lambda: np.zeros((0, 0, 0, 0), bool))
     light: bool = False
     specks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -66,6 +69,7 @@ class PatternTable(NamedTuple):
     heavy_every: int
     heavy_width: float
     asymmetric: bool
+    markers: np.ndarray
     paper: float
     ink: float
     specks: np.ndarray
@@ -81,7 +85,8 @@ def pattern_table(pattern: Pattern) -> PatternTable:
     x0, y0, angle = pattern.place
     return PatternTable(
         pattern.kind, *pattern.counts, pattern.pitch_mm, pattern.width_mm,
-        pattern.heavy_every, pattern.heavy_width_mm, pattern.asymmetric, paper, ink,
+        pattern.heavy_every, pattern.heavy_width_mm, pattern.asymmetric,
+        np.ascontiguousarray(pattern.markers, bool), paper, ink,
         np.ascontiguousarray(pattern.specks, float), float(np.cos(angle)), float(np.sin(angle)), x0, y0,
     )  # fmt: skip
 
@@ -111,7 +116,7 @@ def _signed_depth(table: PatternTable, x: float, y: float) -> tuple[float, float
     if table.kind == LINES:
         depth, edge = _lines(table, px, py)
     elif table.kind == SQUARES:
-        depth, edge = _squares(table, px, py)
+        depth, edge = _board(table, px, py)
     elif table.kind == DOTS:
         depth, edge = _dots(table, px, py)
     for k in range(table.specks.shape[0]):
@@ -140,8 +145,44 @@ def _lines(table: PatternTable, x: float, y: float) -> tuple[float, float]:
 
 
 @compiled
-def _squares(table: PatternTable, x: float, y: float) -> tuple[float, float]:
-    cx, cy = x / table.pitch + 0.5 * table.nx, y / table.pitch + 0.5 * table.ny
+def _board(table: PatternTable, x: float, y: float) -> tuple[float, float]:
+    """Dark and light squares, and markers in the light ones."""
+    # Counted from the top left, where boards begin with a dark square.
+    cx, cy = 0.5 * table.nx + x / table.pitch, 0.5 * table.ny - y / table.pitch
+    depth, edge = _squares(table, cx, cy)
+    i, j = int(np.floor(cx)), int(np.floor(cy))
+    if table.markers.size > 0 and 0 <= i < table.nx and 0 <= j < table.ny and (i + j) % 2 == 1:
+        n = table.markers.shape[3]
+        bit = table.width / n
+        to_bits = table.pitch / bit
+        inside = bit * _marker_depth(
+            table.markers[j, i], 0.5 * n + (cx - i - 0.5) * to_bits, 0.5 * n + (cy - j - 0.5) * to_bits
+        )
+        depth, edge = max(depth, inside), min(edge, abs(inside))
+    return depth, edge
+
+
+@compiled
+def _marker_depth(bits: np.ndarray, x: float, y: float) -> float:
+    """Depth in black bits (negative in white ones), in bits and at most 1, from the marker's top left corner."""
+    column, row = int(np.floor(x)), int(np.floor(y))
+    black = _is_black(bits, column, row)
+    nearest = 1.0
+    for i in range(column - 1, column + 2):
+        for j in range(row - 1, row + 2):
+            if _is_black(bits, i, j) != black:
+                away_x, away_y = max(0.0, i - x, x - i - 1), max(0.0, j - y, y - j - 1)
+                nearest = min(nearest, np.hypot(away_x, away_y))
+    return nearest if black else -nearest
+
+
+@compiled
+def _is_black(bits: np.ndarray, column: int, row: int) -> bool:
+    return 0 <= column < bits.shape[1] and 0 <= row < bits.shape[0] and bits[row, column]
+
+
+@compiled
+def _squares(table: PatternTable, cx: float, cy: float) -> tuple[float, float]:
     to_x = abs(cx - np.floor(cx + 0.5)) * table.pitch
     to_y = abs(cy - np.floor(cy + 0.5)) * table.pitch
     outside = max(-cx, cx - table.nx, -cy, cy - table.ny) * table.pitch

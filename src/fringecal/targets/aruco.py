@@ -49,3 +49,31 @@ def marker_bits(dictionary: str, marker: int) -> np.ndarray:
     markers = _dictionary(dictionary)
     side = markers.markerSize + 2
     return cv2.aruco.generateImageMarker(markers, marker, side) == 0
+
+
+def board_bits(dictionary: str, columns: int, rows: int) -> np.ndarray:
+    """Draw the markers of a ChArUco board as bits, True where black, each with its one-bit black border.
+
+    Parameters
+    ----------
+    dictionary
+        Name of an ArUco dictionary.
+    columns, rows
+        Squares in a row and rows of squares.
+
+    Returns
+    -------
+    Shape (rows, columns, n, n), row 0 at the top. Markers are numbered row by row from the top left through
+    the light squares, as OpenCV numbers them; dark squares, the top left among them, have no black bit.
+
+    Examples
+    --------
+    >>> board_bits("DICT_4X4_50", 3, 2).any(axis=(2, 3)).astype(int)
+    array([[0, 1, 0],
+           [1, 0, 1]])
+    """
+    light = np.add.outer(np.arange(rows), np.arange(columns)) % 2 == 1
+    markers = np.stack([marker_bits(dictionary, marker) for marker in range(np.count_nonzero(light))])
+    bits = np.zeros((rows, columns, *markers.shape[1:]), bool)
+    bits[light] = markers
+    return bits
