@@ -26,6 +26,7 @@ MAX_TERMS = 3
 #: Crossings further from the fit than this many robust standard deviations are left out of it.
 OUTLIER_SIGMAS = 6.0
 UNDISTORT_STEPS = 20
+UNDISTORT_ENOUGH_PX = 1e-9
 _HOMOGRAPHY = tuple(f"h{i}{j}" for i in range(3) for j in range(3) if (i, j) != (2, 2))
 
 
@@ -56,7 +57,10 @@ class RadialLens:
         """Where points (n, 2), px, would be seen without the lens; the inverse of `distort` by iteration."""
         ideal = np.array(points_px, dtype=float)
         for _ in range(UNDISTORT_STEPS):
-            ideal += points_px - self.distort(ideal)
+            rest = points_px - self.distort(ideal)
+            ideal += rest
+            if np.abs(rest).max(initial=0.0) < UNDISTORT_ENOUGH_PX:
+                break
         return ideal
 
     def brown_k1(self, focal_px: float) -> float:
@@ -251,6 +255,7 @@ def _report(detection: GridDetection, problem: _Problem, plain: Any, full: Any) 
         verdict = "barrel" if largest.value < 0 else "pincushion"
     limit = float(stats.norm.ppf(1 - SIGNIFICANCE / 2) + stats.norm.ppf(POWER)) * largest.u
     bent = line_points(detection)
+    ends = np.cumsum([len(points) for points in bent])
     return DistortionTest(
         verdict,
         largest,
@@ -263,7 +268,7 @@ def _report(detection: GridDetection, problem: _Problem, plain: Any, full: Any) 
         problem.points - _model(plain.params, problem),
         problem.points - _model(full.params, problem),
         straightness(detection, moved=bent),
-        straightness(detection, moved=[lens.undistort(points) for points in bent]),
+        straightness(detection, moved=np.split(lens.undistort(np.concatenate(bent)), ends[:-1]) if bent else []),
     )
 
 

@@ -42,8 +42,7 @@ def straightness(detection: GridDetection, *, moved: list[Array] | None = None) 
         One row per line: family, index, points, rms_px, max_px.
     """
     rows = []
-    for k, line in enumerate(detection.lines):
-        points = line_points(detection)[k] if moved is None else moved[k]
+    for line, points in zip(detection.lines, line_points(detection) if moved is None else moved, strict=True):
         if len(points) >= MIN_POINTS:
             off = deviations_px(points)
             rms, largest = float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())

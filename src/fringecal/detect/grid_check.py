@@ -15,7 +15,7 @@ FloatArray = npt.NDArray[np.float64]
 # Part of the lattice's edges along which a line is seen: near 1 for a grid, about 1/2 for false lattices.
 MIN_PRESENT = 0.6
 MIN_RELATIVE_EDGE = 0.2
-MAX_CANDIDATE_EDGES = 800
+MAX_CANDIDATE_EDGES = 400
 MIN_PATTERN = 25
 MAX_RELATIVE_WIDTH = 0.55
 MIN_MIDDLE_CONTRAST = 0.6

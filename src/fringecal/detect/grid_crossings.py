@@ -18,6 +18,8 @@ QUADRATIC_POINTS = 5
 MIN_POINTS = 2
 # Standard deviation of the points' index along the line: one edge alone (0.2) aims too badly.
 MIN_SPREAD = 0.3
+# Of the normal equations scaled to a unit diagonal, where 1 is best: below, slope and bow are rounding errors.
+MIN_DETERMINANT = 1e-10
 # Lines that meet at less than about 15 degrees are not a grid's two families.
 MIN_CROSSING_SINE = 0.25
 OUTLIER_SIGMAS = 5.0
@@ -105,7 +107,7 @@ def _solve_parabolas(sums: FloatArray, count: IntArray) -> LocalLines:
     scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), 1e-300))
     matrix = matrix / (scale[..., :, None] * scale[..., None, :])
     # Points in one short piece do not determine slope and bow; the condition guards the extrapolation.
-    unknown |= np.linalg.cond(matrix) > 1e10
+    unknown |= np.linalg.det(matrix) < MIN_DETERMINANT
     matrix[unknown] = np.eye(3)
     covariance = np.linalg.inv(matrix) / (scale[..., :, None] * scale[..., None, :])
     covariance[straight, 2, 2] = 0.0

@@ -16,6 +16,8 @@ MATCH_RADIUS = 0.25
 # Opposite neighbours of a seed agree with its own position within this part of the spacing.
 SEED_TOLERANCE = 0.12
 NEIGHBOURS = 12
+# Seeds are sought among this many points, spread evenly over all: noise gives a fine level 1e5 of them.
+MAX_SEED_POINTS = 3000
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ def grow_lattice(points: FloatArray, *, tries: int) -> Lattice | None:
         covered[members[:, 0]] = True
         if best is None or len(members) > len(best):
             best = members
-        if len(best) > 0.5 * len(seeds):
+        if len(best) * min(1.0, MAX_SEED_POINTS / len(points)) > 0.5 * len(seeds):
             break
     return None if best is None else _oriented(points, best)
 
@@ -62,12 +64,13 @@ def _seeds(points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     """Points half-way between two pairs of opposite neighbours, with the two basis vectors; best first."""
     tree = cKDTree(points)
     count = min(NEIGHBOURS, len(points) - 1)
-    _, neighbour = tree.query(points, k=count + 1)
-    vectors = points[neighbour[:, 1:]] - points[:, None, :]
+    tried = np.unique(np.linspace(0, len(points) - 1, MAX_SEED_POINTS).astype(np.int64))
+    _, neighbour = tree.query(points[tried], k=count + 1)
+    vectors = points[neighbour[:, 1:]] - points[tried, None, :]
     length = np.hypot(vectors[..., 0], vectors[..., 1])
     paired, mismatch = _opposites(vectors, length)
     first = np.argmax(paired, axis=1)
-    rows = np.arange(len(points))
+    rows = np.arange(len(tried))
     a = vectors[rows, first]
     cross = np.abs(a[:, None, 0] * vectors[..., 1] - a[:, None, 1] * vectors[..., 0])
     # The second direction lies more than 45 degrees from the first (sheets seen obliquely shear the grid).
@@ -76,7 +79,7 @@ def _seeds(points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     ok = paired[rows, first] & second_ok[rows, second] & (length[rows, second] < 2 * length[rows, first])
     score = mismatch[rows, first] + mismatch[rows, second]
     order = np.flatnonzero(ok)[np.argsort(score[ok], kind="stable")]
-    return order, a[order], vectors[rows, second][order]
+    return tried[order], a[order], vectors[rows, second][order]
 
 
 def _opposites(vectors: FloatArray, length: FloatArray) -> tuple[npt.NDArray[np.bool_], FloatArray]:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from numpy.polynomial import legendre
+from scipy import linalg
 
 from fringecal.detect.grid_nodes import Edges
 from fringecal.detect.line_points import LinePoints
@@ -23,9 +24,10 @@ MAX_DEGREE = 5
 MAX_COARSE_DEGREE = 3
 OBSERVATIONS_PER_COEFFICIENT = 3
 NEGLIGIBLE_PX = 1e-3
+RIDGE = 1e-13
 STEP_INDEX = 1e-4
 # The map only has to be near; the parabolas use all points.
-MAX_POINTS = 6_000
+MAX_POINTS = 1_500
 REJECT_SIGMAS = 5.0
 
 
@@ -52,12 +54,19 @@ class SmoothMap:
         return (self(row + dr, column + dc) - self(row - dr, column - dc)) / (2 * STEP_INDEX)
 
     def basis(self, row: IndexArray, column: IndexArray, degree: int) -> FloatArray:
-        """Values (n, (degree + 1)^2) of all products of Legendre polynomials at the indices."""
+        """Values (n, terms) at the indices of the products of Legendre polynomials up to a total degree."""
         y, x = self._unit(row, column)
-        return np.asarray(legendre.legvander2d(y, x, [degree, degree]), dtype=float)
+        i, j = _terms(degree)
+        return legendre.legvander(y, degree)[:, i] * legendre.legvander(x, degree)[:, j]
 
     def _unit(self, row: IndexArray, column: IndexArray) -> tuple[FloatArray, FloatArray]:
         return (row - self.middle[0]) / self.half[0], (column - self.middle[1]) / self.half[1]
+
+
+def _terms(degree: int) -> tuple[IntArray, IntArray]:
+    """Powers (of rows, of columns) of all terms up to a total degree."""
+    i, j = np.mgrid[: degree + 1, : degree + 1]
+    return i[i + j <= degree], j[i + j <= degree]
 
 
 def fit_to_nodes(nodes: FloatArray) -> SmoothMap:
@@ -69,7 +78,7 @@ def fit_to_nodes(nodes: FloatArray) -> SmoothMap:
     basis = frame.basis(row, column, MAX_COARSE_DEGREE)
     empty = np.zeros_like(basis)
     design = np.concatenate([np.hstack([basis, empty]), np.hstack([empty, basis])])
-    return _fitted(frame, design, nodes[row, column].T.ravel(), (size[0], size[1]))
+    return _fitted(frame, design, nodes[row, column].T.ravel(), (size[0], size[1]))[0]
 
 
 @dataclass(frozen=True)
@@ -121,37 +130,54 @@ def fit_to_points(
         designs.append(np.hstack([normal[:, :1] * basis, normal[:, 1:] * basis]))
         targets.append((normal * smooth(row, column)).sum(axis=1) + dev.offset_px[pick])
     design, target = np.concatenate(designs), np.concatenate(targets)
-    first = _fitted(smooth, design, target, shape)
-    padded = np.zeros((2, MAX_DEGREE + 1, MAX_DEGREE + 1))
-    padded[:, : first.coefficients.shape[1], : first.coefficients.shape[2]] = first.coefficients
-    rest = target - design @ padded.ravel()
+    first, flat = _fitted(smooth, design, target, shape)
+    rest = target - design @ flat
     kept = np.abs(rest) <= max(REJECT_SIGMAS * robust_sd(rest), NEGLIGIBLE_PX)
-    return _fitted(smooth, design[kept], target[kept], shape)
+    return first if kept.all() else _fitted(smooth, design[kept], target[kept], shape)[0]
 
 
-def _fitted(frame: SmoothMap, design: FloatArray, target: FloatArray, shape: tuple[int, int]) -> SmoothMap:
+def _fitted(
+    frame: SmoothMap, design: FloatArray, target: FloatArray, shape: tuple[int, int]
+) -> tuple[SmoothMap, FloatArray]:
     """Solve for the coefficients of the degree with the least Bayesian information criterion.
 
-    A needless degree would follow the errors at the border and feed them back.
+    A needless degree would follow the errors at the border and feed them back. The coefficients come
+    as a map and as the design's columns have them.
+
+    Notes
+    -----
+    With the columns in order of degree, one Cholesky factor L of the normal equations serves all degrees:
+    y = L^-1 b, and the first m columns explain sum(y[:m]^2).
     """
-    top = round(np.sqrt(design.shape[1] / 2)) - 1
-    order = np.arange(top + 1)
-    matrix, right, square = design.T @ design, design.T @ target, float(target @ target)
-    best, least = np.zeros((2, top + 1, top + 1)), np.inf
-    for degree in range(1, top + 1):
-        kept = np.add.outer(order, order) <= degree
-        kept &= (order[:, None] < shape[0]) & (order < shape[1])
-        pick = np.flatnonzero(np.tile(kept.ravel(), 2))
-        if degree > 1 and len(pick) * OBSERVATIONS_PER_COEFFICIENT > len(target):
-            break
-        solved, *_ = np.linalg.lstsq(matrix[np.ix_(pick, pick)], right[pick], rcond=1e-12)
-        rest = max(square - float(solved @ right[pick]), 0.0) / len(target) + NEGLIGIBLE_PX**2
-        criterion = len(target) * np.log(rest) + len(pick) * np.log(len(target))
-        if criterion < least:
-            coefficients = np.zeros(design.shape[1])
-            coefficients[pick] = solved
-            best, least = coefficients.reshape(2, top + 1, top + 1), criterion
-    return SmoothMap(best, frame.middle, frame.half)
+    top = round((np.sqrt(4 * design.shape[1] + 1) - 3) / 2)
+    i, j = _terms(top)
+    degrees = np.tile(i + j, 2)
+    possible = np.flatnonzero(np.tile((i < shape[0]) & (j < shape[1]), 2))
+    columns = possible[np.argsort(degrees[possible], kind="stable")]
+    matrix, right = _normal_equations(design[:, columns], target)
+    factor = linalg.cholesky(matrix, lower=True)
+    half_solved = linalg.solve_triangular(factor, right, lower=True)
+    count = _best_count(degrees[columns], half_solved, target)
+    flat = np.zeros(design.shape[1])
+    flat[columns[:count]] = linalg.solve_triangular(factor[:count, :count].T, half_solved[:count])
+    coefficients = np.zeros((2, top + 1, top + 1))
+    coefficients[:, i, j] = flat.reshape(2, -1)
+    return SmoothMap(coefficients, frame.middle, frame.half), flat
+
+
+def _normal_equations(design: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Matrix and right-hand side, with a ridge far below any use but above rounding."""
+    matrix = design.T @ design
+    return matrix + RIDGE * np.trace(matrix) / len(matrix) * np.eye(len(matrix)), design.T @ target
+
+
+def _best_count(degree: IntArray, half_solved: FloatArray, target: FloatArray) -> int:
+    """Count the columns, sorted by degree, up to the degree with the least criterion."""
+    counts = np.searchsorted(degree, np.arange(1, degree[-1] + 1), side="right")
+    counts = counts[(counts * OBSERVATIONS_PER_COEFFICIENT <= len(target)) | (counts == counts[0])]
+    explained = np.cumsum(half_solved**2)[counts - 1]
+    rest = np.maximum(float(target @ target) - explained, 0.0) / len(target) + NEGLIGIBLE_PX**2
+    return int(counts[np.argmin(len(target) * np.log(rest) + counts * np.log(len(target)))])
 
 
 def robust_sd(values: FloatArray) -> float:

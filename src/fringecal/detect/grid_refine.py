@@ -14,7 +14,7 @@ from fringecal.detect.grid_crossings import (
 )
 from fringecal.detect.grid_map import SmoothMap, deviations, fit_to_nodes, fit_to_points, robust_sd
 from fringecal.detect.grid_nodes import Edges, edges_between, predict_missing, stubs
-from fringecal.detect.line_points import LinePoints, LineStatus, cut_patches, measure_points
+from fringecal.detect.line_points import MAX_PATCHES, LinePoints, LineStatus, cut_patches, measure_points
 from fringecal.detect.line_profile import LineProfile
 from fringecal.errors import DetectionError
 
@@ -28,6 +28,8 @@ REFINEMENT_ROUNDS = 2
 CAPTURE_PART = 0.03
 # A Gauss-Newton step leaves an error of about its own square: these steps are the last ones.
 ROUGH_PX, FINE_PX = 0.1, 3e-3
+# Patches per edge while the grid is still being extended.
+ROUGH_PATCHES = 2
 # A crossing that moves further than this part of the spacing from its prediction is another feature.
 MAX_MOVE = 0.3
 # A measured point much fainter than its family's middle is texture, not line.
@@ -126,7 +128,8 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
 
 def _measured(pencil: Pencil, edges: Edges, tolerance_px: float) -> LinePoints:
     """Points on all edges of a family."""
-    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile)
+    most = MAX_PATCHES if tolerance_px < ROUGH_PX else ROUGH_PATCHES
+    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile, most=most)
     return _drop_faint(measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px))
 
 

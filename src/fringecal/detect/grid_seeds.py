@@ -43,10 +43,10 @@ def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> l
         Polarities to try: -1 for dark lines, +1 for light ones.
     """
     found = [
-        CoarseGrid(lattice, sign)
+        CoarseGrid(lattice.scaled(factor), sign)
         for level, factor in _pyramid(image)
-        for sign in signs
-        if (lattice := _level_lattice(level, factor, sign)) is not None
+        for sign, points in _extrema(level, signs)
+        if (lattice := _level_lattice(points)) is not None
     ]
     return sorted(found, key=lambda grid: -grid.lattice.column.size)
 
@@ -61,29 +61,54 @@ def _pyramid(image: npt.NDArray[np.float32]) -> Iterator[tuple[npt.NDArray[np.fl
         factor *= 2
 
 
-def _level_lattice(level: npt.NDArray[np.float32], factor: int, sign: int) -> Lattice | None:
-    """Best lattice through the extrema of one level, in full-resolution pixels."""
-    points = _extrema(level, sign)
+def _level_lattice(points: npt.NDArray[np.float64]) -> Lattice | None:
+    """Best lattice through the extrema of one level, in its own pixels."""
     if len(points) < MIN_CROSSINGS:
         return None
     lattice = grow_lattice(points, tries=MAX_SEED_TRIES)
-    if lattice is None or lattice.column.size < MIN_CROSSINGS:
-        return None
-    # Centre of the level pixel i is (i + 1/2) * factor - 1/2 in full-resolution pixels.
-    return lattice.scaled(factor)
+    return None if lattice is None or lattice.column.size < MIN_CROSSINGS else lattice
 
 
-def _extrema(level: npt.NDArray[np.float32], sign: int) -> npt.NDArray[np.float64]:
+def _extrema(level: npt.NDArray[np.float32], signs: tuple[int, ...]) -> Iterator[tuple[int, npt.NDArray[np.float64]]]:
     """Sub-pixel positions (n, 2) of the crossings' extrema: maxima of the signed band-passed level."""
-    smooth = cv2.GaussianBlur(level, (0, 0), LEVEL_SIGMA_PX)
-    band = np.float32(sign) * (smooth - cv2.GaussianBlur(smooth, (0, 0), BACKGROUND_SIGMA_PX))
-    rms = np.sqrt(np.maximum(cv2.blur(band * band, (31, 31)), 0))
-    floor = np.float32(MIN_RELATIVE_BAND * band.max())
-    peak = (band >= cv2.dilate(band, np.ones((3, 3), np.uint8))) & (band > MIN_PROMINENCE * rms + floor)
+    band = cv2.GaussianBlur(level, (0, 0), LEVEL_SIGMA_PX)
+    band -= _background(band)
+    limit = _rms(band)
+    limit *= MIN_PROMINENCE
+    limit += np.float32(MIN_RELATIVE_BAND * np.abs(band).max())
+    for sign in signs:
+        peak = _peaks(band if sign > 0 else -band, limit)
+        row, column = np.nonzero(peak)
+        du, dv = (_parabola(band, row, column, *way) for way in ((0, 1), (1, 0)))
+        yield sign, np.stack([column + du, row + dv], axis=1)
+
+
+def _peaks(band: npt.NDArray[np.float32], limit: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
+    """Pixels above the limit that no neighbour exceeds, the border left out."""
+    peak: npt.NDArray[np.bool_] = band >= cv2.dilate(band, np.ones((3, 3), np.uint8))
+    peak &= band > limit
     peak[[0, -1], :] = False
     peak[:, [0, -1]] = False
-    row, column = np.nonzero(peak)
-    return np.stack([column + _parabola(band, row, column, 0, 1), row + _parabola(band, row, column, 1, 0)], axis=1)
+    return peak
+
+
+def _background(smooth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Blur by BACKGROUND_SIGMA_PX, at a quarter of the resolution: nothing finer survives it."""
+    return _enlarged(cv2.GaussianBlur(_quarter(smooth), (0, 0), BACKGROUND_SIGMA_PX / 4), smooth)
+
+
+def _rms(band: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Root mean square of the band over about 30 x 30 pixels."""
+    return _enlarged(np.sqrt(cv2.blur(_quarter(band * band), (7, 7))), band)
+
+
+def _quarter(level: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    height, width = level.shape
+    return cv2.resize(level, (-(-width // 4), -(-height // 4)), interpolation=cv2.INTER_AREA)
+
+
+def _enlarged(small: npt.NDArray[np.float32], like: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    return cv2.resize(small, (like.shape[1], like.shape[0]), interpolation=cv2.INTER_LINEAR)
 
 
 def _parabola(
@@ -93,5 +118,7 @@ def _parabola(
     here = band[row, column].astype(float)
     before = band[row - down, column - right].astype(float)
     after = band[row + down, column + right].astype(float)
-    curvature = np.maximum(2 * here - before - after, 1e-12)
-    return np.clip(0.5 * (after - before) / curvature, -0.5, 0.5)
+    curvature = 2 * here - before - after
+    # A minimum has both signs turned, so the vertex is the same; a flat top stays where it is.
+    steep = np.where(np.abs(curvature) > 1e-12, curvature, np.inf)
+    return np.clip(0.5 * (after - before) / steep, -0.5, 0.5)

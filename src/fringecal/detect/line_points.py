@@ -53,7 +53,13 @@ class LinePoints:
 
 
 def cut_patches(
-    start: FloatArray, end: FloatArray, spacing: FloatArray, profile: LineProfile, *, clear_end: bool = True
+    start: FloatArray,
+    end: FloatArray,
+    spacing: FloatArray,
+    profile: LineProfile,
+    *,
+    clear_end: bool = True,
+    most: int = MAX_PATCHES,
 ) -> Patches:
     """Divide edges into patches that keep clear of the crossing lines at their ends.
 
@@ -67,12 +73,14 @@ def cut_patches(
         Cross-section of the lines.
     clear_end
         Whether a crossing line lies at `end` too (not so for a stub that leaves the grid).
+    most
+        Number of patches on the longest edges.
     """
     along = end - start
     length = np.hypot(along[:, 0], along[:, 1])
     margin = np.minimum(profile.reach_px + 0.7, 0.4 * length)
     free = length - margin * (2 if clear_end else 1)
-    count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, MAX_PATCHES).astype(int)
+    count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, most).astype(int)
     edge = np.repeat(np.arange(len(start)), count)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     t = (margin[edge] + free[edge] * (k + 0.5) / count[edge]) / length[edge]

@@ -11,7 +11,8 @@ FloatArray = npt.NDArray[np.float64]
 
 TABLE_STEP_PX = 1 / 32
 SAMPLE_STEP_PX = 0.25
-MAX_EDGES = 300
+MAX_EDGES = 200
+MAX_STEPS = 10
 # Part of an edge between crossings that is averaged for the mean profile: clear of the crossing lines.
 CLEAR_PART = (0.3, 0.7)
 
@@ -113,7 +114,7 @@ def _sections(
     along = end - start
     length = np.hypot(along[:, 0], along[:, 1])
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
-    steps = max(3, int(np.median(length) * (CLEAR_PART[1] - CLEAR_PART[0])))
+    steps = int(np.clip(np.median(length) * (CLEAR_PART[1] - CLEAR_PART[0]), 3, MAX_STEPS))
     total = np.zeros((len(start), len(distance)))
     for t in np.linspace(*CLEAR_PART, steps):
         middle = start + t * along + shift[:, None] * normal
