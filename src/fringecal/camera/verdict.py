@@ -29,7 +29,7 @@ class DistortionVerdict:
         "barrel" when points move toward the centre, "pincushion" when they move outward, "none" when the
         displacement is not significant at 5 %.
     max_px
-        Largest displacement over the crossings seen, px, signed: negative toward the centre.
+        Size of the largest displacement over the crossings seen, px; the verdict says which way.
     detection_limit_px
         Displacement that would be found in 95 % of cases.
     p_value
@@ -76,7 +76,7 @@ def distortion_verdict(fit: CameraFit, points_px: Array) -> DistortionVerdict:
     if p_value < _SIGNIFICANCE:
         found = "barrel" if value < 0 else "pincushion"
     limit = float(special.ndtri(1 - _SIGNIFICANCE / 2) + special.ndtri(_POWER)) * u
-    maximum = Estimate(value, u, "px", "largest displacement", fit.dof)
+    maximum = Estimate(abs(value), u, "px", "largest displacement", fit.dof)
     return DistortionVerdict(found, maximum, limit, p_value, float(np.hypot(*outermost)))
 
 

@@ -13,6 +13,7 @@ from fringecal.cli.saving import command_line, demand_folder, progress, write_re
 HELP = """Measure a zig-zag of angle bars with a calibrated rig and tabulate its height errors.
 
 Writes verification.json, tables, figures and report.html into DIR.
+Exit code 0 if all profiles agree with the certificate (|En| <= 1), 3 if one does not, 1 if nothing could be verified.
 
 Example: fringecal verify bench/2026-11-22 --capture bars --calibration calibration/calibration.json --out verification
 """
@@ -53,12 +54,16 @@ def verify(
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
             write_verification(record, staging)
+    failed = [check for check in record.checks if check.decision == "fail"]
     if as_json:
         print_json(record.model_dump(mode="json"))
-        return
-    console.print(_table(found.errors))
-    console.print(found.errors.sentence, markup=False, highlight=False, soft_wrap=True)
-    console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+    else:
+        console.print(_table(found.errors))
+        for sentence in (found.errors.sentence, *(f"check failed: {check.name}" for check in failed)):
+            console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+        console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+    if failed:
+        raise typer.Exit(3)
 
 
 def _record_file(path: Path) -> Path:

@@ -7,6 +7,7 @@ from fringecal.uncertainty.conformity import decide
 
 if TYPE_CHECKING:
     from fringecal.procedures.commission import Commissioning
+    from fringecal.procedures.verification import Verification
 
 # Defaults that a sound rig keeps; a lab's own limits will take their place.
 PLATE_RESIDUAL_LIMIT_RAD = (
@@ -42,6 +43,18 @@ def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
                 rule="|En| <= 1, En = difference over the root sum of squares of both expanded uncertainties (k = 2)",
             )
         )
+    return tuple(checks)
+
+
+def verification_checks(found: "Verification") -> tuple[Check, ...]:
+    """Return the checks of a verification: every profile, and all together, against the certificate."""
+    rule = "|En| <= 1, En = mean error over its expanded uncertainty (k = 2), certificate included"
+    checks = []
+    for profile in (*found.errors.profiles, found.errors.pooled):
+        if profile.en is not None:
+            decision = "pass" if abs(profile.en) <= EN_LIMIT else "fail"
+            name = f"mean error, {profile.name if profile is found.errors.pooled else 'profile ' + profile.name}"
+            checks.append(Check(name=name, value=profile.en, limit=EN_LIMIT, decision=decision, rule=rule))
     return tuple(checks)
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.errors import RecordError
-from fringecal.procedures.checks import commissioning_checks
+from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.verification import Verification
@@ -116,6 +116,7 @@ def verification_record(
             FilterRow(before=f.before, after=f.after, rank=f.rank, **_pooled(f.errors)) for f in found.filters
         ),
         sentence=errors.sentence,
+        checks=verification_checks(found),
         notes=(found.phase.sentence(),),
     )
 
