@@ -6,7 +6,8 @@ regions in which the phase is smooth, and two regions are joined only if the pix
 agree on one order with only a small step left: a fold does, an edge does not.
 """
 
-from collections import defaultdict
+from collections import Counter, defaultdict
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -22,8 +23,10 @@ _BEND_LIMITS_RAD = (0.12, 0.45)  # change of slope over three px above which the
 _BEND_SIGMAS = 6.0  # of the noise, between those limits
 _LEAST_PIXELS = 25  # of a region; smaller ones are given to their neighbours
 _LEAST_BORDER = 5  # pixel pairs
-_LEAST_LEAD = 3.0  # how many times more pixel pairs vote for the best order than for the second best
-_GREATEST_STEP_RAD = 1.6  # median step left over a border that is no edge, besides the slope's share
+_LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
+_OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order, with a small step left
+_GREATEST_STEP_RAD = 1.4  # step left over a border that is no edge: noise, and the slope's share
+_CELL_PX = 16  # side of the cells into which borders are cut
 
 
 def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
@@ -40,6 +43,11 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
     -------
     Unwrapped
         `pieces` numbers what hangs together: the order of one piece against another is open.
+
+    Notes
+    -----
+    An edge whose jump stays within about half a radian of whole fringes over more than six pixels looks like a surface
+    that touches its neighbour there, and is taken for one.
     """
     wrapped = np.asarray(phase, dtype=float)
     usable = np.asarray(valid, dtype=bool) & np.isfinite(wrapped)
@@ -109,81 +117,74 @@ def _flood(values, labels, wrapped, usable):  # type: ignore[no-untyped-def]
                 tail += 1
 
 
-type Votes = dict[int, list[float]]
+@dataclass(frozen=True)
+class _Border:
+    """Border of two touching regions a < b: the order that b lacks, and the pixel pairs for and against it."""
+
+    a: int
+    b: int
+    order: int
+    agreeing: int
+    others: int
+
+    @property
+    def trusted(self) -> bool:
+        """Tell whether the border is a fold, or almost all of it is."""
+        return self.agreeing >= max(_LEAST_BORDER, _LEAST_LEAD * self.others)
 
 
-def _border_votes(values: Array, labels: NDArray[np.int32]) -> dict[tuple[int, int], Votes]:
-    """For every pair of touching regions a < b: steps left over their border, by the order that b lacks."""
-    borders: dict[tuple[int, int], Votes] = defaultdict(lambda: defaultdict(list))
+def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """List the pixel pairs over all borders: regions a < b, cell of the picture, order lacking, small or not."""
+    found = []
+    v, u = np.indices(labels.shape)
+    cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
     for axis in (0, 1):
-        one = np.moveaxis(labels, axis, 0)
-        first, second = one[:-1].ravel(), one[1:].ravel()
-        phases = np.moveaxis(values, axis, 0)
-        jump = (phases[:-1] - phases[1:]).ravel()
-        at = np.flatnonzero((first != second) & (first > 0) & (second > 0))
-        swapped = first[at] > second[at]
-        a, b = np.minimum(first[at], second[at]), np.maximum(first[at], second[at])
-        signed = np.where(swapped, -jump[at], jump[at])
-        orders = np.floor(signed / _TWO_PI + 0.5).astype(int)
-        left = signed - _TWO_PI * orders
-        for i, j, k, step in zip(a.tolist(), b.tolist(), orders.tolist(), left.tolist(), strict=True):
-            borders[i, j][k].append(step)
-    return borders
+        one, phases, cell = (np.moveaxis(m, axis, 0) for m in (labels, values, cells))
+        first, second = one[:-1], one[1:]
+        at = (first != second) & (first > 0) & (second > 0)
+        jump = np.where(first > second, -1, 1)[at] * (phases[:-1] - phases[1:])[at]
+        order = np.floor(jump / _TWO_PI + 0.5)
+        small = np.abs(jump - _TWO_PI * order) < _GREATEST_STEP_RAD
+        low, high = np.minimum(first, second)[at], np.maximum(first, second)[at]
+        found.append(np.column_stack([low, high, cell[:-1][at], order, small]))
+    return np.concatenate(found).astype(np.int64)
+
+
+def _borders(values: Array, labels: NDArray[np.int32]) -> list[_Border]:
+    """Judge every border cell by cell: a cell votes if nearly all of its pixel pairs are of one mind.
+
+    Along a true edge the steps left over are of any size, and where they happen to be small that is so over a short
+    stretch only; along a fold they are small throughout.
+    """
+    pairs = _pairs(values, labels)
+    cells, inverse = np.unique(pairs[:, :3], axis=0, return_inverse=True)
+    total = np.bincount(inverse.ravel(), minlength=len(cells))
+    small = pairs[pairs[:, 4] == 1]
+    votes, number = np.unique(small[:, :4], axis=0, return_counts=True)
+    agreeing: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
+    sizes: Counter[tuple[int, int]] = Counter()
+    of_cell = {tuple(c): int(n) for c, n in zip(cells.tolist(), total, strict=True)}
+    for (a, b, _), n in of_cell.items():
+        sizes[a, b] += n
+    for (a, b, cell, order), n in zip(votes.tolist(), number.tolist(), strict=True):
+        if n >= _OF_ONE_MIND * of_cell[a, b, cell]:
+            agreeing[a, b][order] += n
+    best = ((pair, *max(found.items(), key=lambda f: (f[1], -abs(f[0])))) for pair, found in agreeing.items())
+    return [_Border(a, b, order, n, sizes[a, b] - n) for (a, b), order, n in best]
 
 
 def _join(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Join regions, the longest agreeing border first; return each region's order and group."""
+    """Join regions over trusted borders, the longest first; return each region's order and group."""
     number = int(labels.max())
     offsets = np.zeros(number + 1, dtype=np.int64)
     groups = np.arange(number + 1, dtype=np.int32)
-    borders = _border_votes(values, labels)
-    while borders:
-        pair, order, strength = max(
-            ((p, *_strength(v)) for p, v in borders.items()),
-            key=lambda item: (item[2], -item[0][0], -item[0][1]),
-        )
-        if strength <= 0:
-            break
-        a, b = pair
-        inside = groups == b
-        offsets[inside] += order
-        groups[inside] = a
-        borders = _merged(borders, a, b, order)
+    trusted = [border for border in _borders(values, labels) if border.trusted]
+    for border in sorted(trusted, key=lambda x: (x.others - x.agreeing, x.a, x.b)):
+        if groups[border.a] != groups[border.b]:
+            inside = groups == groups[border.b]
+            offsets[inside] += border.order + offsets[border.a] - offsets[border.b]
+            groups[inside] = groups[border.a]
     return offsets, groups
-
-
-def _strength(votes: Votes) -> tuple[int, float]:
-    """Return the order that most of a border votes for, and how far it can be trusted (0: not at all).
-
-    Along a true edge the votes spread over all orders; along a fold they are of one mind. A border that is part
-    fold and part edge has one order well ahead of all others.
-    """
-    order = max(votes, key=lambda k: (len(votes[k]), -abs(k)))
-    number = len(votes[order])
-    second = max((len(steps) for k, steps in votes.items() if k != order), default=0)
-    if number < _LEAST_BORDER or number < _LEAST_LEAD * second:
-        return order, 0.0
-    if abs(float(np.median(votes[order]))) > _GREATEST_STEP_RAD:
-        return order, 0.0
-    return order, number - _LEAST_LEAD * second + 1.0
-
-
-def _merged(borders: dict[tuple[int, int], Votes], a: int, b: int, order: int) -> dict[tuple[int, int], Votes]:
-    """Hand the borders of region b over to region a, b's order having changed by `order`."""
-    result: dict[tuple[int, int], Votes] = {p: v for p, v in borders.items() if b not in p}
-    for (i, j), votes in borders.items():
-        if b not in (i, j) or (i, j) == (a, b):
-            continue
-        other = j if i == b else i
-        # A vote says by how much the second region lacks: raising b raises what others lack against it.
-        shift = order if i == b else -order
-        low, high = min(a, other), max(a, other)
-        sign = 1 if (i == b) == (low == a) else -1
-        target = result.setdefault((low, high), {})
-        for k, steps in votes.items():
-            moved = sign * (k + shift)
-            target.setdefault(moved, []).extend(sign * s for s in steps)
-    return result
 
 
 def _numbered(groups: NDArray[np.int32]) -> NDArray[np.int32]:

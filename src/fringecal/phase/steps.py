@@ -12,19 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.phase.demodulate import PhaseMap, demodulate
+from fringecal.phase.blocks import BLOCK_FRINGES, Block, measure_blocks
+from fringecal.phase.demodulate import demodulate
 from fringecal.phase.noise import Noise
-from fringecal.phase.period import fringe_period
-from fringecal.phase.unwrap import unwrap
 
-BLOCK_FRINGES = 3.0
-"""Side of a block in fringe periods: enough to part carrier, harmonics and shading."""
-
-_BLOCK_LIMITS_PX = (24, 400)
 _LEAST_BLOCKS = 4
-_LEAST_VALID_SHARE = 0.9
-_LEAST_CYCLES_IN_BLOCK = 1.8
-_MAX_ROUGHNESS_RAD = 0.35
 _OUTLIER_MADS = 4.0
 _MAD_TO_SIGMA = 1.482602218505602
 _SIGNIFICANT = 3.0
@@ -113,12 +105,19 @@ def estimate_steps(
     PhaseError
         No phase, or fewer than four usable blocks: too few fringes or a surface that is too rough.
     """
+    return steps_and_blocks(frames, steps_rad, mask=mask, white_level=white_level)[0]
+
+
+def steps_and_blocks(
+    frames: ArrayLike, steps_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
+) -> tuple[StepEstimate, list[Block]]:
+    """Return what `estimate_steps` does, and the blocks that it rests on."""
     grey = np.asarray(frames)
     stated = np.asarray(steps_rad, dtype=np.float64).ravel()
     found = stated.copy()
     for _ in range(_ROUNDS):
         map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0))
-        blocks = _measure_blocks(grey, map_, mask)
+        blocks = measure_blocks(grey, map_, mask)
         if len(blocks) < _LEAST_BLOCKS:
             raise PhaseError(
                 f"found {len(blocks)} usable blocks of {BLOCK_FRINGES:g} fringes, {_LEAST_BLOCKS} are needed "
@@ -129,86 +128,10 @@ def estimate_steps(
         found = estimate.steps_rad
         if moved < _CONVERGED_RAD:
             break
-    return estimate
+    return estimate, blocks
 
 
-@dataclass(frozen=True)
-class _Block:
-    """One block: its centre, its frames' complex modulations and backgrounds, and the residual."""
-
-    u_px: float
-    v_px: float
-    signal: NDArray[np.complex128]
-    background: NDArray[np.float64]
-    rms: float
-
-
-def _measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None) -> list[_Block]:
-    """Cut the picture into blocks and measure the smooth ones."""
-    valid = map_.valid if mask is None else map_.valid & np.asarray(mask, bool)
-    if not valid.any():
-        raise PhaseError("no pixel carries a phase, so no step can be measured: check exposure and stated steps")
-    unwrapped = unwrap(map_.phase, valid)
-    period = fringe_period(map_.phase, valid).period_px
-    side = int(np.clip(round(BLOCK_FRINGES * period), *_BLOCK_LIMITS_PX))
-    height, width = valid.shape
-    blocks = []
-    for top in range(0, max(height - side, 0) + 1, side):
-        for left in range(0, max(width - side, 0) + 1, side):
-            window = np.s_[top : top + side, left : left + side]
-            block = _measure_block(grey[:, *window], unwrapped.phase[window], unwrapped.pieces[window])
-            if block is not None:
-                blocks.append(_moved(block, left, top))
-    return blocks
-
-
-def _moved(block: _Block, left: int, top: int) -> _Block:
-    """Return a block with its centre in the whole picture."""
-    return _Block(block.u_px + left, block.v_px + top, block.signal, block.background, block.rms)
-
-
-def _measure_block(grey: NDArray, phase: NDArray, pieces: NDArray) -> _Block | None:
-    """Measure all frames of one block against its smooth phase; None where the block is not smooth."""
-    largest = np.bincount(pieces[pieces > 0]).argmax() if (pieces > 0).any() else 0
-    use = pieces == largest
-    if largest == 0 or use.mean() < _LEAST_VALID_SHARE:
-        return None
-    rows, columns = np.nonzero(use)
-    x = (columns - columns.mean()) / phase.shape[1]
-    y = (rows - rows.mean()) / phase.shape[0]
-    quadratic = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    carrier, roughness = _smooth(quadratic, phase[use])
-    if roughness > _MAX_ROUGHNESS_RAD or np.ptp(carrier) < 2 * np.pi * _LEAST_CYCLES_IN_BLOCK:
-        return None
-    return _fit_frames(grey[:, use].astype(np.float64), carrier, quadratic, (float(columns.mean()), float(rows.mean())))
-
-
-def _smooth(basis: NDArray, values: NDArray) -> tuple[NDArray, float]:
-    """Return the least-squares fit of a basis to values, and the rms residual."""
-    # Normal equations: few well-scaled columns, thousands of rows.
-    fit = basis @ np.linalg.solve(basis.T @ basis, basis.T @ values)
-    return fit, float(np.sqrt(np.mean((values - fit) ** 2)))
-
-
-def _fit_frames(grey: NDArray, carrier: NDArray, quadratic: NDArray, centre: tuple[float, float]) -> _Block:
-    """Fit every frame of a block by shading, carrier with a slope, and two harmonics."""
-    slopes = quadratic[:, :3]
-    basis = np.concatenate(
-        [
-            quadratic,
-            slopes * np.cos(carrier)[:, None],
-            slopes * -np.sin(carrier)[:, None],
-            np.column_stack([f(k * carrier) for k in (2, 3) for f in (np.cos, np.sin)]),
-        ],
-        axis=1,
-    )
-    coefficients = np.linalg.solve(basis.T @ basis, basis.T @ grey.T)
-    residual = grey.T - basis @ coefficients
-    signal = coefficients[6] + 1j * coefficients[9]
-    return _Block(*centre, signal, coefficients[0], float(np.sqrt(np.mean(residual**2))))
-
-
-def _combine(blocks: list[_Block], stated: NDArray, shape: tuple[int, ...]) -> StepEstimate:
+def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> StepEstimate:
     """Average the blocks' steps, gains and backgrounds."""
     signal = np.array([block.signal for block in blocks])
     turned = signal * np.conj(signal[:, :1]) * np.exp(-1j * (stated - stated[0]))

@@ -230,7 +230,7 @@ def _first_sweep(phase, classes, parent, order):  # type: ignore[no-untyped-def]
     width = phase.shape[1]
     flat, kind = phase.ravel(), classes.ravel()
     for start in range(0, phase.size, width):
-        connected, root, mine = False, start, 0
+        connected, root, mine = False, start, np.int64(0)
         for pixel in range(start, start + width):
             if kind[pixel] != 0:
                 connected = False
@@ -238,7 +238,7 @@ def _first_sweep(phase, classes, parent, order):  # type: ignore[no-untyped-def]
             if connected:
                 mine += np.int64(np.rint((flat[pixel - 1] - flat[pixel]) * _PER_TURN))
             else:
-                connected, root, mine = True, pixel, 0
+                connected, root, mine = True, pixel, np.int64(0)
             parent[pixel], order[pixel] = root, mine
             up = pixel - width
             if start > 0 and kind[up] == 0:
