@@ -59,14 +59,22 @@ def thesis_tables(found: CameraFindings) -> tuple[Table, ...]:
     return tuple(Table(caption, _by_span(frame), note) for caption, frame, note in parts)
 
 
+_SHOWN = {
+    "distance_px": ("mean distance / px", "sd distance / px"),
+    "factor_mm_per_px": ("mean factor / (mm/px)", "sd factor / (mm/px)"),
+    "error_mm": ("mean error / mm", "sd error / mm"),
+    "error_percent": ("mean error / %", "sd error / %"),
+}
+
+
 def _by_span(frame: pd.DataFrame) -> pd.DataFrame:
-    """One row for each span between lines: the single distances fill pages, the CSV of a grid has them all."""
-    numbers = frame.drop(columns=["first_line", "last_line", "places"], errors="ignore").groupby(["part", "span"])
-    means = numbers.mean().add_prefix("mean ")
-    spread = numbers.std().fillna(0.0).add_prefix("sd ")
-    count = numbers.size().rename("distances")
-    table = pd.concat([count, means, spread], axis=1).reset_index()
-    return table.drop(columns=[c for c in table if c in ("sd distance_mm",)])
+    """Gather one row for each span between lines: the single distances would fill pages."""
+    groups = frame.groupby(["part", "span"], sort=False)
+    columns = {"distances": groups.size(), "nominal / mm": groups["distance_mm"].mean()}
+    for name, (mean, spread) in _SHOWN.items():
+        if name in frame:
+            columns |= {mean: groups[name].mean(), spread: groups[name].std()}
+    return pd.DataFrame(columns).fillna(0.0).reset_index()
 
 
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
