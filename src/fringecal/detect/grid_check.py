@@ -32,7 +32,10 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
         If no candidate has lines along most of its edges; names a chessboard or dots.
     """
     best, best_score = None, 0.0
+    most_contrast = float(np.ptp(grey))
     for candidate in candidates:
+        if _whole_cells(dense(candidate.lattice)) * most_contrast <= best_score:
+            continue
         present, contrast = _line_evidence(grey, candidate)
         # Contrast and whole cells in the score: extrema within the cells form lattices too, but on faint
         # ghosts of lines; and points half-way along the lines form one of half the spacing without cells.

@@ -21,9 +21,9 @@ from fringecal.errors import DetectionError
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Rounds of: predict missing crossings, measure lines, intersect. Each may extend the grid by one line.
+# Rounds of: predict missing crossings, measure lines, intersect. Each may extend the grid by one line;
+# a last round with all points then makes it sub-pixel.
 EXTENSION_ROUNDS = 2
-REFINEMENT_ROUNDS = 2
 # Coarse crossings are off by up to this part of the spacing; the lines are first sought that much broader.
 CAPTURE_PART = 0.03
 # A Gauss-Newton step leaves an error of about its own square: these steps are the last ones.
@@ -90,10 +90,7 @@ def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
         if (np.isfinite(nodes[..., 0]) == known).all():
             break
         capture = pencil
-    for _ in range(REFINEMENT_ROUNDS):
-        found = _round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX)
-        nodes = found.nodes
-    return _trimmed(found)
+    return _trimmed(_round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
 
 
 def _spacing(nodes: FloatArray) -> float:
