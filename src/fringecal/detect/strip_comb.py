@@ -92,9 +92,7 @@ class _Profile:
         extent = (self.number.size - 1) * self.bin_px
         # At least half of the comb, or all of the picture, must overlap.
         spare = 0.5 * min(length, extent)
-        place = np.arange(
-            self.start_px - length + spare, self.start_px + extent - spare + self.bin_px, self.bin_px
-        )
+        place = np.arange(self.start_px - length + spare, self.start_px + extent - spare + self.bin_px, self.bin_px)
         edges = place[:, None, None] + layout[None]
         inside, plate = self.split(edges[..., 0], edges[..., 1])
         outside = self.number[-1] - inside
@@ -125,20 +123,14 @@ def find_comb(pixels: Pixels, layout: Array, least_px: float) -> Comb:
     turn = 0.35 * least_px / reach
     layouts = _both_ways(layout)
     best = max(
-        (
-            _best_place(few, d, shape, least_px / 6, 3)
-            for d in _directions(few, turn, least_px)
-            for shape in layouts
-        ),
+        (_best_place(few, d, shape, least_px / 6, 3) for d in _directions(few, turn, least_px) for shape in layouts),
         key=lambda found: found[0],
     )
     many = pixels.sample(_FINE_SAMPLE)
     direction, shape = best[1], best[4]
     for half, bin_px, stretches in ((turn, least_px / 10, 9), (0.25 * turn, max(least_px / 24, 0.25), 15)):
         angles = direction + np.linspace(-half, half, 9)
-        best = max(
-            (_best_place(many, a, shape, bin_px, stretches) for a in angles), key=lambda found: found[0]
-        )
+        best = max((_best_place(many, a, shape, bin_px, stretches) for a in angles), key=lambda found: found[0])
         direction = best[1]
     _, direction, place, stretch, shape, contrast = best
     if contrast < _LEAST_CONTRAST:
@@ -169,9 +161,7 @@ def _both_ways(layout: Array) -> list[Array]:
 def _directions(pixels: Pixels, turn: float, least_px: float) -> list[float]:
     """Return the directions in which lines differ most from each other, one per peak."""
     angles = np.arange(0, math.pi, turn)
-    scores = np.array(
-        [_Profile.of(pixels.across(a), pixels.likeness, least_px / 5).between_bins() for a in angles]
-    )
+    scores = np.array([_Profile.of(pixels.across(a), pixels.likeness, least_px / 5).between_bins() for a in angles])
     peaks = (scores >= np.roll(scores, 1)) & (scores >= np.roll(scores, -1))
     order = np.flatnonzero(peaks)[np.argsort(-scores[peaks])][:_BEST_DIRECTIONS]
     # The comb is finer than the peak is wide: its neighbours are tried as well.
@@ -211,7 +201,5 @@ def refined_edges(pixels: Pixels, comb: Comb, reach_px: float) -> Array:
         weights = np.clip(slope[low:high] * (1 if side else -1), 0, None)
         if weights.size and weights.max() > 0.15 * strongest > 0:
             weights = np.where(weights > 0.3 * weights.max(), weights, 0)
-            edges[tooth, side] = start + bin_px * (
-                float(np.sum(np.arange(low, high) * weights) / weights.sum()) + 0.5
-            )
+            edges[tooth, side] = start + bin_px * (float(np.sum(np.arange(low, high) * weights) / weights.sum()) + 0.5)
     return edges

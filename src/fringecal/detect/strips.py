@@ -27,6 +27,7 @@ _SEEN_CONTRAST = 0.35  # a strip with less of the others' contrast is not there,
 _LEAST_PLATE = 0.45  # share of plate pixels in the gaps that must agree with the reference
 _LEAST_PIXELS = 400
 _REFINE_SAMPLE = 500_000
+_CLEAN_RAD = 0.08  # noise of the step below which smoothing would only blur the edges
 _TABLE_PX = 0.25  # resolution at which the coordinate across is turned into labels
 
 
@@ -165,9 +166,9 @@ def _likeness(step: Array, usable: Mask, factor: int) -> tuple[Array, Mask]:
     single = step.astype(np.float32)
     parts = [_reduced(np.where(usable, wave(single), np.float32(0)), factor) for wave in (np.sin, np.cos)]
     known = _reduced(usable.astype(np.float32), factor) > 0.6
-    if factor == 1:
-        parts = [ndimage.uniform_filter(part, 3) for part in parts]
     angle = np.arctan2(*parts)
+    if factor == 1 and _noise(angle, known) > _CLEAN_RAD:
+        angle = np.arctan2(*(ndimage.uniform_filter(part, 3) for part in parts))
     tolerance = float(np.clip(5 * _noise(angle, known) + 0.04, 0.08, 0.9))
     off = np.abs(angle - np.float32(_drift(angle[known], tolerance)))
     return np.clip(2 - np.minimum(off, 2 * math.pi - off) / tolerance, 0, 1), known
@@ -250,7 +251,8 @@ def _seen(pixels: Pixels, comb: Comb, edges: Array, layout: Array) -> Mask:
     seen = np.nan_to_num(contrast, nan=-1.0) > max(_SEEN_CONTRAST * float(np.nanmedian(contrast)), 0.12)
     if np.count_nonzero(seen) < min(2, len(edges)):
         raise DetectionError(_nothing(layout, float(np.nanmax(contrast))))
-    _demand_width(edges[seen], layout[seen])
+    if seen.all():
+        _demand_width(pixels, across, edges, np.diff(layout, axis=1))
     _demand_no_more(pixels, across, edges, plate)
     return seen
 
@@ -263,9 +265,9 @@ def _gaps(edges: Array) -> list[tuple[float, float]]:
     return list(zip(lows, highs, strict=True))
 
 
-def _mean(pixels: Pixels, across: Array, low: float, high: float) -> float:
-    """Mean likeness over the middle of a zone; NaN where too little of it is in the picture."""
-    rim = 0.2 * (high - low)
+def _mean(pixels: Pixels, across: Array, low: float, high: float, *, rim: float = 0.2) -> float:
+    """Mean likeness over a zone without its rims; NaN where too little of it is in the picture."""
+    rim *= high - low
     inside = (across > low + rim) & (across < high - rim)
     return float(pixels.likeness[inside].mean()) if np.count_nonzero(inside) >= 12 else math.nan
 
@@ -280,12 +282,25 @@ def _nothing(layout: Array, contrast: float) -> str:
     )
 
 
-def _demand_width(edges: Array, layout: Array) -> None:
-    found, stated = (float(np.median(np.diff(e, axis=1))) for e in (edges, layout))
-    if abs(found - stated) > 2.0 + _SIZE_TOLERANCE * stated:
+def _demand_width(pixels: Pixels, across: Array, edges: Array, stated_px: Array) -> None:
+    """Refuse strips of another width: of the zone around each, the share that is not plate tells it."""
+    gaps = _gaps(edges)
+    found = []
+    for (low, high), before, after in zip(edges, gaps[:-1], gaps[1:], strict=True):
+        left, right = (sum(before) / 2, sum(after) / 2)
+        if left < across.min() or right > across.max():
+            continue
+        plate = np.nanmean([_mean(pixels, across, *gap, rim=0.4) for gap in (before, after)])
+        strip = _mean(pixels, across, low, high, rim=0.4)
+        share = (plate - _mean(pixels, across, left, right, rim=0.0)) / (plate - strip)
+        found.append(share * (right - left))
+    if not found:
+        return
+    width, stated = float(np.nanmedian(found)), float(np.median(stated_px))
+    if abs(width - stated) > 2.0 + _SIZE_TOLERANCE * stated:
         raise DetectionError(
-            f"the strips are {found:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the target "
-            "names other strips, or its width is wrong"
+            f"the strips are {width:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the "
+            "target names other strips, or its width or gap is wrong"
         )
 
 

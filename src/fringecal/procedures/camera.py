@@ -10,7 +10,7 @@ from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.camera.verdict import DistortionVerdict, distortion_verdict
 from fringecal.detect.grid import GridDetection, find_grid
-from fringecal.errors import SessionError
+from fringecal.errors import FitError, SessionError
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
 from fringecal.targets.geometry import grid_points_mm
@@ -91,11 +91,15 @@ def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> 
             height_mm=height,
             telecentric=known.telecentric,
             distortion=distortion,
+            index=(detection.row, detection.column),
         )
 
     best = solve(_DISTORTION[0])
     for terms in _DISTORTION[1:]:
-        richer = solve(terms)
+        try:
+            richer = solve(terms)
+        except FitError:  # a long lens shows the grid too flat for these terms: they are not there to be seen
+            break
         if not _explains_more(best, richer):
             break
         best = richer

@@ -121,7 +121,7 @@ def _column(  # noqa: PLR0913, PLR0917 -- private: one row of the table
 
 
 def _column_on_axis(camera: PlateCamera, column: float) -> float:
-    """x in mm at which a picture column crosses the line y = 0."""
+    """X in mm at which a picture column crosses the line y = 0."""
     v = camera.centre_px[1]
     for _ in range(4):
         rays = camera.rays(column, v)

@@ -20,9 +20,7 @@ from fringecal.projection.rig import PlateResidual, RigModel, projector_point
 Array = NDArray[np.float64]
 
 _MAX_ANGLE_DEG = 78.0
-_MAX_OFF_AXIS_DEG = (
-    25.0  # between the projector's axis and its line to the plate's origin: lens shift, bad aim
-)
+_MAX_OFF_AXIS_DEG = 25.0  # between the projector's axis and its line to the plate's origin: lens shift, bad aim
 _BEHIND = 4.0  # a height that is negative by more standard uncertainties than this is impossible
 _CLEARLY = 2.0  # block residuals of a wrong order are at least this many times those of the right one
 _CLOSE = 0.75 * math.pi  # a predicted step further off than this decides nothing
@@ -142,9 +140,7 @@ def plate_model(plate: PhasePoints) -> RigModel:
         design = np.column_stack([s, t, np.ones_like(s), -p * s, -p * t]) / below[:, None]
         solution, _, rank, _ = np.linalg.lstsq(design[keep], (p / below)[keep], rcond=1e-12)
         if rank < 5:
-            raise FitError(
-                "The phase of the plate does not span the field: it cannot be described by a projector."
-            )
+            raise FitError("The phase of the plate does not span the field: it cannot be described by a projector.")
         parameters[[0, 1, 3, 4, 5]] = solution / [unit, unit, 1.0, unit, unit]
         below = 1 + (parameters[4] * x + parameters[5] * y)
         model = RigModel(parameters.copy(), np.full(3, np.inf))
@@ -196,9 +192,7 @@ def _orders(model: RigModel, anchor: PhasePoints) -> range:
     gx, gy, _ = model.gradient(x, y, 0.0)
     largest = float(np.median(np.hypot(gx, gy))) * anchor.z_mm * math.tan(math.radians(_MAX_ANGLE_DEG))
     step = float(np.median(anchor.phase_rad - model.phase(x, y, 0.0)))
-    return range(
-        math.floor((-largest - step) / (2 * math.pi)), math.ceil((largest - step) / (2 * math.pi)) + 1
-    )
+    return range(math.floor((-largest - step) / (2 * math.pi)), math.ceil((largest - step) / (2 * math.pi)) + 1)
 
 
 def _judge(
@@ -223,7 +217,7 @@ def _judge(
     rms = _rms(model, done)
     angle = math.degrees(_angle_at_origin(model))
     side, height, behind = _line_in_profile(model, _covariance(model, done, rms))
-    possible = abs(angle) < _MAX_ANGLE_DEG and not behind and _lights_from_front(side, angle)
+    possible = abs(angle) < _MAX_ANGLE_DEG and not behind
     off_axis = _off_axis_deg(model, side, height, pieces)
     likely = possible and not abs(off_axis) > _MAX_OFF_AXIS_DEG
     difference = math.nan
@@ -356,13 +350,6 @@ def _line_in_profile(model: RigModel, covariance: Array) -> tuple[float, float, 
     return tangent * height, height, behind
 
 
-def _lights_from_front(side: float, angle_deg: float) -> bool:
-    """The light must come from the side on which its line stands."""
-    if not math.isfinite(side) or side == 0 or abs(angle_deg) < 5:
-        return True
-    return math.copysign(1, side) == math.copysign(1, angle_deg)
-
-
 def _off_axis_deg(model: RigModel, side: float, height: float, pieces: Sequence[PhasePoints]) -> float:
     """Angle at the projector between its axis and the plate's origin, in the plane across the fringes.
 
@@ -427,22 +414,14 @@ def _by_possibility(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
     best = min(likely, key=lambda c: c.block_rms_rad)
     others = [c for c in likely if c is not best]
     rivals = [c for c in others if c.block_rms_rad < _CLEARLY * best.block_rms_rad]
-    rivals += [
-        c
-        for c in candidates
-        if c.possible and not c.likely and c.block_rms_rad < best.block_rms_rad / _CLEARLY
-    ]
+    rivals += [c for c in candidates if c.possible and not c.likely and c.block_rms_rad < best.block_rms_rad / _CLEARLY]
     if rivals:
         listed = "; ".join(f"order {c.order}: {_described(c)}" for c in [best, *rivals])
         raise FitError(
             f"The fringe order of the strips is open: {listed}. State projector.position_mm (a tape measure is "
             "enough), or use lower strips or wider fringes."
         )
-    reason = (
-        "smallest residual by far"
-        if others
-        else "the only order whose projector looks at the plate from above"
-    )
+    reason = "smallest residual by far" if others else "the only order whose projector looks at the plate from above"
     return OrderDecision(best.order, reason, candidates, best.orders)
 
 

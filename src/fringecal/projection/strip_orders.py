@@ -40,7 +40,7 @@ class OrderedStrips:
     def groups(self, strips: StripPhase) -> dict[float, tuple[int, ...]]:
         """Return the labels of the strips seen, by stated height."""
         found: dict[float, tuple[int, ...]] = {}
-        for label in strips.regions.seen:
+        for label in (k for k in strips.regions.seen if self.items[k - 1] >= 0):
             height = strips.heights_mm[self.items[label - 1]].value
             found[height] = (*found.get(height, ()), label)
         return found
@@ -109,16 +109,12 @@ def _piece(
     return _sampled(absolute, inside, camera, strips.heights_mm[items[label - 1]].value, _POINTS_PER_PIECE)
 
 
-def _sampled(
-    phase: Array, inside: NDArray[np.bool_], camera: PlateCamera, z_mm: float, number: int
-) -> PhasePoints:
+def _sampled(phase: Array, inside: NDArray[np.bool_], camera: PlateCamera, z_mm: float, number: int) -> PhasePoints:
     v, u = np.nonzero(inside)
     chosen = np.random.default_rng(2008).permutation(v.size)[:number]
     v, u = v[chosen], u[chosen]
     cluster = (v // _BLOCK_PX) * 100_000 + u // _BLOCK_PX
-    return PhasePoints(
-        camera.rays(u.astype(float), v.astype(float)), z_mm, phase[v, u], cluster.astype(np.intp)
-    )
+    return PhasePoints(camera.rays(u.astype(float), v.astype(float)), z_mm, phase[v, u], cluster.astype(np.intp))
 
 
 def _best(found: list[tuple[tuple[int, ...], OrderDecision]]) -> tuple[tuple[int, ...], OrderDecision]:

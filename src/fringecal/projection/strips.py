@@ -17,6 +17,7 @@ from fringecal.uncertainty.estimates import Estimate
 Array = NDArray[np.float64]
 
 _MIN_PIECE = 40  # pixels; smaller pieces of a strip top are left out
+_MIN_SHARE = 0.02  # of the largest piece; crumbs would weigh like whole strips where strips differ
 _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or lamp moved between captures
 
 
@@ -84,11 +85,7 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
 
 
 def _gaps_mm(target: Strips) -> Array:
-    return (
-        np.zeros(0)
-        if target.gap_mm is None
-        else target.gap_mm.array(max(target.count - 1, 1))[: target.count - 1]
-    )
+    return np.zeros(0) if target.gap_mm is None else target.gap_mm.array(max(target.count - 1, 1))[: target.count - 1]
 
 
 def _straight(camera: PlateCamera, z_mm: float) -> tuple[Array, Array]:
@@ -116,12 +113,11 @@ def _plate_drift(step: Array, regions: StripRegions) -> float:
 
 def _large(pieces: NDArray[np.int32]) -> NDArray[np.int32]:
     """Leave out pieces of a few pixels and number the others anew."""
-    keep = np.bincount(pieces.ravel()) >= _MIN_PIECE
+    sizes = np.bincount(pieces.ravel())
+    keep = sizes >= max(_MIN_PIECE, _MIN_SHARE * sizes[1:].max(initial=0))
     keep[0] = False
     if not keep.any():
-        raise FitError(
-            "No strip top has enough valid pixels: more light, wider strips or finer pixels are needed."
-        )
+        raise FitError("No strip top has enough valid pixels: more light, wider strips or finer pixels are needed.")
     return np.where(keep, np.cumsum(keep), 0).astype(np.int32)[pieces]
 
 
@@ -132,7 +128,7 @@ def numberings(strips: StripPhase) -> tuple[tuple[int, ...], ...]:
     also start at another strip. An item is -1 for a label that is not seen.
     """
     heights = [h.value for h in strips.heights_mm]
-    count, seen = len(heights), [label - 1 for label in strips.regions.seen]
+    count, seen = len(heights), [int(k) - 1 for k in np.unique(strips.regions.labels[strips.pieces > 0])]
     shifts = sorted(range(1 - count, count), key=abs) if len(seen) < count else [0]
     found: dict[tuple[float, ...], tuple[int, ...]] = {}
     for sign, shift in product((1, -1), shifts):
