@@ -81,6 +81,7 @@ def demodulate(
     dark_level: float | None = None,
     noise: Noise | None = None,
     min_modulation: float | None = None,
+    max_misfit: float = MISFIT_SHARE,
     out: PhaseMap | None = None,
 ) -> PhaseMap:
     """Demodulate N phase-shifted frames by least squares, or by a named scheme.
@@ -100,6 +101,9 @@ def demodulate(
     min_modulation
         Least modulation, grey levels; by default 5 % of the 95th percentile over the picture, and 3 for
         integers. In any case u(phi) <= 0.25 rad.
+    max_misfit
+        Rms residual of four frames and more, as a share of the modulation, that a pixel may have (it may have
+        five sigma of the noise in any case); infinity to keep all.
     out
         A `PhaseMap` of the same shape whose buffers are overwritten and returned in the answer.
 
@@ -136,7 +140,7 @@ def demodulate(
         np.float32(min_modulation),
         np.float32(MAX_SIGMA_RAD),
         np.float32(MISFIT_SIGMAS * noise.sigma(_typical_grey(grey))),
-        np.float32(MISFIT_SHARE),
+        np.float32(max_misfit),
     )
     result = _buffers(grey.shape[1:], noise, out)
     _run(grey, scheme, limits, result)

@@ -24,8 +24,8 @@ _BEND_SIGMAS = 6.0  # of the noise, between those limits
 _LEAST_PIXELS = 25  # of a region; smaller ones are given to their neighbours
 _LEAST_BORDER = 5  # pixel pairs
 _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
-_OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order, with a small step left
-_GREATEST_STEP_RAD = 1.4  # step left over a border that is no edge: noise, and the slope's share
+_OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order
+_GREATEST_STEP_RAD = 1.6  # median step left over a border that is no edge, the slope's share in it
 _CELL_PX = 16  # side of the cells into which borders are cut
 
 
@@ -159,15 +159,16 @@ def _borders(values: Array, labels: NDArray[np.int32]) -> list[_Border]:
     pairs = _pairs(values, labels)
     cells, inverse = np.unique(pairs[:, :3], axis=0, return_inverse=True)
     total = np.bincount(inverse.ravel(), minlength=len(cells))
-    small = pairs[pairs[:, 4] == 1]
-    votes, number = np.unique(small[:, :4], axis=0, return_counts=True)
+    votes, at = np.unique(pairs[:, :4], axis=0, return_inverse=True)
+    number = np.bincount(at.ravel(), minlength=len(votes))
+    small = np.bincount(at.ravel(), weights=pairs[:, 4], minlength=len(votes))
     agreeing: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
     sizes: Counter[tuple[int, int]] = Counter()
     of_cell = {tuple(c): int(n) for c, n in zip(cells.tolist(), total, strict=True)}
     for (a, b, _), n in of_cell.items():
         sizes[a, b] += n
-    for (a, b, cell, order), n in zip(votes.tolist(), number.tolist(), strict=True):
-        if n >= _OF_ONE_MIND * of_cell[a, b, cell]:
+    for (a, b, cell, order), n, few in zip(votes.tolist(), number.tolist(), small.tolist(), strict=True):
+        if n >= _OF_ONE_MIND * of_cell[a, b, cell] and few >= 0.5 * n:
             agreeing[a, b][order] += n
     best = ((pair, *max(found.items(), key=lambda f: (f[1], -abs(f[0])))) for pair, found in agreeing.items())
     return [_Border(a, b, order, n, sizes[a, b] - n) for (a, b), order, n in best]

@@ -116,7 +116,7 @@ def steps_and_blocks(
     stated = np.asarray(steps_rad, dtype=np.float64).ravel()
     found = stated.copy()
     for _ in range(_ROUNDS):
-        map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0))
+        map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0), max_misfit=np.inf)
         blocks = measure_blocks(grey, map_, mask)
         if len(blocks) < _LEAST_BLOCKS:
             raise PhaseError(
