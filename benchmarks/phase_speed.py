@@ -60,9 +60,7 @@ def demodulation(shape: tuple[int, int]) -> None:
             "phase, modulation, mask; buffers reused": lambda: demodulate_plain(
                 flat, weights, LIMITS, phase, modulation, reasons
             ),
-            "and background, u(phi); buffers reused": lambda: demodulate(
-                frames, steps, noise=Noise(1.0), out=full
-            ),
+            "and background, u(phi); buffers reused": lambda: demodulate(frames, steps, noise=Noise(1.0), out=full),
             "the same, fresh buffers": lambda: demodulate(frames, steps, noise=Noise(1.0)),
             "OpenCV phase and magnitude": lambda: opencv(frames),
             "numpy float64": lambda: plain_numpy(frames),

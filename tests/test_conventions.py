@@ -154,9 +154,7 @@ def test_steps_are_the_sessions_own(tmp_path):
     assert overridden.steps_rad == pytest.approx(np.deg2rad([0.0, 240.0, 120.0]))
 
 
-@pytest.mark.parametrize(
-    ("phase", "wrapped"), [(-2.0, -2.0), (4.0, 4.0 - 2 * math.pi), (-9.0, -9.0 + 2 * math.pi)]
-)
+@pytest.mark.parametrize(("phase", "wrapped"), [(-2.0, -2.0), (4.0, 4.0 - 2 * math.pi), (-9.0, -9.0 + 2 * math.pi)])
 def test_wrapped_phase_lies_between_minus_pi_and_pi(phase, wrapped):
     np.testing.assert_allclose(demodulate(frames_of(phase), STEPS_RAD).phase, wrapped, atol=1e-5)
 

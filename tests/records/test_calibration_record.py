@@ -137,9 +137,7 @@ def put(document, keys, value):
         (("rig", "colour"), "blue", "rig.colour: Extra"),
     ],
 )
-def test_a_record_that_contradicts_itself_is_refused_by_the_name_of_the_key(
-    tmp_path, document, keys, value, reason
-):
+def test_a_record_that_contradicts_itself_is_refused_by_the_name_of_the_key(tmp_path, document, keys, value, reason):
     put(document, keys, value)
     with pytest.raises(RecordError, match=reason):
         read_calibration(save(tmp_path, document))

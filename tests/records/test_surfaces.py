@@ -64,9 +64,7 @@ def test_meshes_are_in_mm_right_way_up_and_face_the_camera(tmp_path, surface, su
 def parse_ascii_obj(path):
     rows = [line.split() for line in path.read_text().splitlines()]
     vertices = np.array([row[1:4] for row in rows if row and row[0] == "v"], dtype=float)
-    faces = np.array(
-        [[part.split("/")[0] for part in row[1:]] for row in rows if row and row[0] == "f"], dtype=int
-    )
+    faces = np.array([[part.split("/")[0] for part in row[1:]] for row in rows if row and row[0] == "f"], dtype=int)
     return vertices, faces - 1
 
 

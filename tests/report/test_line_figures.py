@@ -77,9 +77,7 @@ def test_models_are_compared_in_the_order_given():
     assert axes.get_xlabel() == "height error / % of full height"
 
 
-@pytest.mark.parametrize(
-    ("position", "names"), [((0.0, 1222.0, 1000.0), "yz"), ((-1222.0, 0.0, 1000.0), "xz")]
-)
+@pytest.mark.parametrize(("position", "names"), [((0.0, 1222.0, 1000.0), "yz"), ((-1222.0, 0.0, 1000.0), "xz")])
 def test_the_rig_is_drawn_to_scale_with_its_angle(position, names):
     projector = Pupil("projector, fitted", np.array(position), np.full(3, 5.0))
     camera = Pupil("camera", np.array([0.0, 0.0, 1500.0]), np.full(3, 5.0))

@@ -49,9 +49,7 @@ def plot(encoding="svg"):
 
 
 def example(decision="pass", **changes):
-    frame = pd.DataFrame(
-        {"name": ["A", "<B> & C"], "mean / mm": [-1 / 3, np.nan], "n": [435, 7], "ok": [True, False]}
-    )
+    frame = pd.DataFrame({"name": ["A", "<B> & C"], "mean / mm": [-1 / 3, np.nan], "n": [435, 7], "ok": [True, False]})
     sections = (
         Section(
             "Scale",
@@ -78,10 +76,7 @@ def example(decision="pass", **changes):
 def test_the_page_is_well_formed_and_asks_for_nothing_from_outside():
     outline = Outline(render_html(example()))
     addresses = [
-        value
-        for _, attributes in outline.elements
-        for key, value in attributes.items()
-        if key in {"src", "href"}
+        value for _, attributes in outline.elements for key, value in attributes.items() if key in {"src", "href"}
     ]
     assert addresses
     assert all(address.startswith(("data:", "#")) for address in addresses)

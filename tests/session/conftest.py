@@ -21,9 +21,7 @@ def fringes(seed: int, *, shape: tuple[int, int] = SHAPE, step_deg: float = 0.0)
     """One 8-bit fringe picture with noise of its own, between about 30 and 220."""
     rows = np.arange(shape[0])[:, None] * np.ones(shape[1])
     noise = np.random.default_rng(seed).normal(0, 1.5, shape)
-    return np.clip(125 + 90 * np.cos(2 * np.pi * rows / 8 + np.deg2rad(step_deg)) + noise, 0, 255).astype(
-        np.uint8
-    )
+    return np.clip(125 + 90 * np.cos(2 * np.pi * rows / 8 + np.deg2rad(step_deg)) + noise, 0, 255).astype(np.uint8)
 
 
 def base_document() -> dict[str, Any]:

@@ -132,9 +132,7 @@ sets(('capture "bars": images', "bars-9.png", "did you mean"), "file_missing",
 sets(('capture "bars": images', "no file matches"), "glob_empty", capture("bars", images=["rods-*.png"]))
 sets(('capture "bars": images', "outside"), "file_outside", capture("bars", images=["../session.png"]))
 sets(('capture "strips"', "captures 3, 4"), "name_twice", capture("bars", name="strips"))
-sets(
-    ('capture "strips": target', "without a target"), "strips_without_target", capture("strips", target=None)
-)
+sets(('capture "strips": target', "without a target"), "strips_without_target", capture("strips", target=None))
 sets(('capture "grid": target', "line-grid"), "grid_of_strips", capture("grid", target="glass-strips"))
 sets(('capture "strips": target', "nearest"), "target_unknown", capture("strips", target="glas-strips"))
 sets(('capture "strips": target', "t.toml"), "target_file_missing", capture("strips", target="t.toml"))

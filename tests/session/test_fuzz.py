@@ -33,9 +33,7 @@ KEYS = st.sampled_from(WORDS.split())
 SCALARS = st.booleans() | st.integers(-5, 20) | st.floats() | st.sampled_from(
     ["", "grid", "strips", "a.png", "*", "**/x", "[", "../..", "glass-strips", "a\0b", "\n"]
 )  # fmt: skip
-VALUES = st.recursive(
-    SCALARS, lambda v: st.lists(v, max_size=4) | st.dictionaries(KEYS, v, max_size=5), max_leaves=12
-)
+VALUES = st.recursive(SCALARS, lambda v: st.lists(v, max_size=4) | st.dictionaries(KEYS, v, max_size=5), max_leaves=12)
 
 
 @quietly
@@ -62,9 +60,7 @@ def test_one_table_replaced_by_anything(bench: Bench, place: str, value: object)
 def test_one_key_of_a_capture_replaced_by_anything(bench: Bench, key: str, value: object) -> None:
     captures = [dict(capture) for capture in bench.document["capture"]]
     captures[3][key] = value
-    (bench.folder / "session.toml").write_text(
-        to_toml({**bench.document, "capture": captures}), encoding="utf-8"
-    )
+    (bench.folder / "session.toml").write_text(to_toml({**bench.document, "capture": captures}), encoding="utf-8")
     check = check_session(bench.folder)
     assert bool(check.faults) != (check.session is not None)
 

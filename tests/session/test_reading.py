@@ -88,8 +88,7 @@ def test_a_file_changed_after_the_check_is_refused(bench: Bench) -> None:
 def test_every_input_has_its_hash(bench: Bench) -> None:
     bench.put(
         "own.toml",
-        b'kind = "flat"\nformat = 1\nname = "a"\ncertificate = "b"\n'
-        b"flatness_mm = { value = 0.1, u = 0.05 }\n",
+        b'kind = "flat"\nformat = 1\nname = "a"\ncertificate = "b"\nflatness_mm = { value = 0.1, u = 0.05 }\n',
     )
     bench.capture("reference")["target"] = "own.toml"
     bench.save()
@@ -251,9 +250,7 @@ def test_periods_repeats_and_gray_code(bench: Bench) -> None:
     capture = load_session(bench.folder).named("bars")
     assert capture.periods == (7.0, 8.0)
     # Order: repeat, period, step. Repeat 1, period 1 starts at frame 9.
-    np.testing.assert_array_equal(
-        capture.read_set(repeat=1, period=1), [bench.fringes(109 + k) for k in range(3)]
-    )
+    np.testing.assert_array_equal(capture.read_set(repeat=1, period=1), [bench.fringes(109 + k) for k in range(3)])
     np.testing.assert_array_equal(capture.read_gray(), [bench.fringes(200), bench.fringes(201)])
 
 
@@ -327,6 +324,4 @@ def test_real_three_step_captures() -> None:
     steps = np.array(session.named("s1").steps_rad)
     quadrature = -(np.stack([first, second, third]) * np.sin(steps)[:, None]).sum(axis=0)
     in_phase = (np.stack([first, second, third]) * np.cos(steps)[:, None]).sum(axis=0)
-    np.testing.assert_allclose(
-        np.angle(np.exp(1j * (np.arctan2(quadrature, in_phase) - theirs))), 0, atol=1e-9
-    )
+    np.testing.assert_allclose(np.angle(np.exp(1j * (np.arctan2(quadrature, in_phase) - theirs))), 0, atol=1e-9)

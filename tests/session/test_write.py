@@ -31,12 +31,8 @@ def frames(seed: int = 0, dtype: type = np.uint8) -> dict[str, np.ndarray]:
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 def test_what_is_written_is_read(tmp_path: Path, dtype: type) -> None:
-    written = (
-        frames(dtype=dtype) if dtype is np.uint8 else {k: 257 * v for k, v in frames(dtype=dtype).items()}
-    )
-    folder = write_session(
-        tmp_path / "a" / "b", document(), written, extra_files={"truth/rig.toml": b"x = 1\n"}
-    )
+    written = frames(dtype=dtype) if dtype is np.uint8 else {k: 257 * v for k, v in frames(dtype=dtype).items()}
+    folder = write_session(tmp_path / "a" / "b", document(), written, extra_files={"truth/rig.toml": b"x = 1\n"})
     np.testing.assert_array_equal(load_session(folder).one("object").read(), list(written.values()))
     assert (folder / "truth" / "rig.toml").read_bytes() == b"x = 1\n"
 
@@ -97,9 +93,7 @@ SCALARS = (
     | st.text(max_size=20)
     | st.datetimes(timezones=st.just(datetime.UTC))
 )
-VALUES = st.recursive(
-    SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3)
-)
+VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3))
 
 
 @settings(max_examples=80, deadline=None, derandomize=True)

@@ -122,9 +122,7 @@ class TestCamera:
             [[camera.norm_px, 0, camera.centre_px[0]], [0, camera.norm_px, camera.centre_px[1]], [0, 0, 1]]
         )
         shift = -rotation @ np.array(camera.position)
-        expected, _ = cv2.projectPoints(
-            points, cv2.Rodrigues(rotation)[0], shift, matrix, np.array(spec.distortion)
-        )
+        expected, _ = cv2.projectPoints(points, cv2.Rodrigues(rotation)[0], shift, matrix, np.array(spec.distortion))
         found = project(camera, points)
         np.testing.assert_allclose(found, expected.reshape(-1, 2), atol=1e-9)
         for (u, v), (x, y, z) in zip(found, points, strict=True):
@@ -165,9 +163,7 @@ class TestCamera:
         spec = rig(camera={"distortion": (-0.08, 0.0, 0.0, 0.0, 0.0)})
         radius = np.hypot(60.0, 40.0) / 1500.0
         # f = height / scale to 1e-4 here: the lens has hardly bent at the image centre.
-        assert lens_shift_at_point_px(spec, (60.0, 40.0)) == pytest.approx(
-            0.08 * radius**3 * 1500.0, rel=1e-6
-        )
+        assert lens_shift_at_point_px(spec, (60.0, 40.0)) == pytest.approx(0.08 * radius**3 * 1500.0, rel=1e-6)
 
     def test_a_lens_that_folds_the_picture_is_refused(self):
         with pytest.raises(FringecalError, match="folds"):
@@ -183,14 +179,10 @@ class TestProjector:
         assert np.degrees(np.arctan2(gradient[1], gradient[0])) == pytest.approx(77.0, abs=1e-9)
 
     def test_gradient_is_the_derivative_of_phase(self):
-        projector = build_projector(
-            rig(projector={"distortion": (-0.1, 0.02), "aim_mm": (40.0, -20.0)}).projector
-        )
+        projector = build_projector(rig(projector={"distortion": (-0.1, 0.02), "aim_mm": (40.0, -20.0)}).projector)
         point, h = np.array([60.0, -80.0, 12.0]), 1e-3
         steps = h * np.eye(3)
-        central = [
-            (phase_at(projector, *(point + s)) - phase_at(projector, *(point - s))) / (2 * h) for s in steps
-        ]
+        central = [(phase_at(projector, *(point + s)) - phase_at(projector, *(point - s))) / (2 * h) for s in steps]
         np.testing.assert_allclose(phase_gradient(projector, point), central, rtol=1e-7)
 
     def test_seven_numbers_give_the_phase_anywhere(self):

@@ -129,9 +129,7 @@ def test_flicker_changes_whole_frames():
         light={"flicker": 0.05},
         noise={"read_levels": 0.0},
     )
-    means = np.array([render(spec, plate(), seed=s).frames.mean(axis=(1, 2)) for s in range(60)]) / (
-        0.4 * 255
-    )
+    means = np.array([render(spec, plate(), seed=s).frames.mean(axis=(1, 2)) for s in range(60)]) / (0.4 * 255)
     # 180 lamps: sd of the sd is 5.3 %.
     assert means.std() == pytest.approx(0.05, rel=0.2)
 

@@ -16,13 +16,9 @@ def stated(kind, **fields):
 
 
 GOOD = {
-    "line-grid": stated(
-        "line-grid", pitch_mm=mm(10.0), line_width_mm=mm(0.9), lines=[5, 7], polarity="light"
-    ),
+    "line-grid": stated("line-grid", pitch_mm=mm(10.0), line_width_mm=mm(0.9), lines=[5, 7], polarity="light"),
     "chessboard": stated("chessboard", columns=9, rows=6, square_mm=mm(25.0)),
-    "charuco": stated(
-        "charuco", squares=[5, 7], square_mm=mm(30.0), marker_mm=mm(22.0), dictionary="DICT_4X4_50"
-    ),
+    "charuco": stated("charuco", squares=[5, 7], square_mm=mm(30.0), marker_mm=mm(22.0), dictionary="DICT_4X4_50"),
     "dots": stated("dots", columns=4, rows=11, pitch_mm=mm(10.0), diameter_mm=mm(12.0), asymmetric=True),
     "flat": stated("flat", flatness_mm=mm(0.0)),
     "strips": stated(
@@ -53,9 +49,7 @@ def test_every_kind_is_read_and_survives_json(kind):
 
 
 def test_shipped_targets_carry_the_sizes_of_the_thesis():
-    assert {"grid-10mm", "glass-strips", "flat-plate", "angle-bars", "rectangle", "step-block"} <= set(
-        list_targets()
-    )
+    assert {"grid-10mm", "glass-strips", "flat-plate", "angle-bars", "rectangle", "step-block"} <= set(list_targets())
     strips = load_target("glass-strips")
     assert (strips.count, strips.width_mm.value, strips.gap_mm.value) == (12, 10.0, 10.0)
     assert (strips.height_mm.value, strips.length_mm.value) == (3.0, 400.0)

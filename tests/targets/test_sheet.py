@@ -38,9 +38,7 @@ def svg_rectangles(drawing):
 def rasterise(drawing):
     """Paint the SVG's rectangles and circles on pixels whose centres lie at (k + 0.5) / PX_PER_MM."""
     root, elements = svg_elements(drawing)
-    width, height = (
-        round(float(root.get(side).removesuffix("mm")) * PX_PER_MM) for side in ("width", "height")
-    )
+    width, height = (round(float(root.get(side).removesuffix("mm")) * PX_PER_MM) for side in ("width", "height"))
     picture = np.full((height, width), 255, np.uint8)
     u, v = (np.arange(width) + 0.5) / PX_PER_MM, (np.arange(height) + 0.5) / PX_PER_MM
     for tag, item in elements:
@@ -65,14 +63,10 @@ def to_mm(corners):
 def pdf_rectangles(content):
     """Every rectangle a PDF fills, in points on the page: x, y, width, height, shape (n, 4)."""
     stream = re.search(rb"stream\n(.*)\nendstream", content, re.DOTALL).group(1).decode("cp1252")
-    a, b, c, d, e, f = (
-        float(item) for item in re.search(r"^(.+) cm$", stream, re.MULTILINE).group(1).split()
-    )
+    a, b, c, d, e, f = (float(item) for item in re.search(r"^(.+) cm$", stream, re.MULTILINE).group(1).split())
     assert (b, c) == (0, 0)
     boxes = re.findall(r"([-\d.]+) ([-\d.]+) ([-\d.]+) ([-\d.]+) re f", stream)
-    return np.array(
-        [[a * float(x) + e, d * float(y) + f, a * float(w), d * float(h)] for x, y, w, h in boxes]
-    )
+    return np.array([[a * float(x) + e, d * float(y) + f, a * float(w), d * float(h)] for x, y, w, h in boxes])
 
 
 def centres_of_ruler_marks(boxes, axis):
@@ -98,9 +92,7 @@ def test_rulers_are_100_mm_in_svg_and_pdf(name, page):
             assert marks[-1] - marks[0] == pytest.approx(100.0, abs=2 * WRITTEN_MM)
 
 
-@pytest.mark.parametrize(
-    ("page", "size"), [("A4", (210, 297)), ("a3", (297, 420)), ("Letter", (215.9, 279.4))]
-)
+@pytest.mark.parametrize(("page", "size"), [("A4", (210, 297)), ("a3", (297, 420)), ("Letter", (215.9, 279.4))])
 def test_page_size_in_svg_and_pdf(page, size):
     drawing = sheet(load_target("charuco"), page=page)
     root = svg_elements(drawing)[0]
@@ -116,9 +108,7 @@ def test_everything_lies_inside_the_margins():
         drawing = sheet(load_target(name), margin_mm=6.0)
         boxes, _ = svg_rectangles(drawing)
         assert boxes[:, :2].min() >= 6.0 - 0.2
-        assert np.all(
-            boxes[:, :2] + boxes[:, 2:] <= [drawing.width_mm - 6.0 + 0.2, drawing.height_mm - 6.0 + 0.2]
-        )
+        assert np.all(boxes[:, :2] + boxes[:, 2:] <= [drawing.width_mm - 6.0 + 0.2, drawing.height_mm - 6.0 + 0.2])
         for label in (shape for shape in drawing.shapes if isinstance(shape, Label)):
             ends = label.x + label.width_mm * {"start": 1, "middle": 0.5, "end": 0}[label.anchor]
             assert ends <= drawing.width_mm - 6.0
@@ -185,9 +175,7 @@ def test_opencv_finds_the_chessboard():
 @pytest.mark.parametrize("asymmetric", [False, True])
 def test_opencv_finds_the_dots(asymmetric):
     columns, rows = (4, 11) if asymmetric else (8, 11)
-    dots = Dots(
-        **SAID, columns=columns, rows=rows, pitch_mm=mm(20.0), diameter_mm=mm(10.0), asymmetric=asymmetric
-    )
+    dots = Dots(**SAID, columns=columns, rows=rows, pitch_mm=mm(20.0), diameter_mm=mm(10.0), asymmetric=asymmetric)
     picture = cv2.resize(rasterise(sheet(dots)), None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     # Rulers have marks that are no dots; they are outside the pattern and painted over as a hand would.
     picture[:, : 20 * PX_PER_MM // 4] = 255
@@ -199,9 +187,7 @@ def test_opencv_finds_the_dots(asymmetric):
     seen = (centres.reshape(-1, 2) + 0.5) * 4 / PX_PER_MM
     # As sets: OpenCV may start from the other end of a pattern that looks alike from both.
     order = [np.lexsort(np.round(p - p.mean(axis=0)).T) for p in (seen, points)]
-    np.testing.assert_allclose(
-        (seen - seen.mean(axis=0))[order[0]], (points - points.mean(axis=0))[order[1]], atol=0.1
-    )
+    np.testing.assert_allclose((seen - seen.mean(axis=0))[order[0]], (points - points.mean(axis=0))[order[1]], atol=0.1)
 
 
 def test_the_table_of_a_pdf_points_at_its_objects():
@@ -297,9 +283,7 @@ def test_pdf_as_another_program_paints_it():
 
 
 def test_a_small_charuco_of_another_dictionary():
-    target = Charuco(
-        **SAID, squares=(4, 3), square_mm=mm(40.0), marker_mm=mm(30.0), dictionary="DICT_APRILTAG_36h11"
-    )
+    target = Charuco(**SAID, squares=(4, 3), square_mm=mm(40.0), marker_mm=mm(30.0), dictionary="DICT_APRILTAG_36h11")
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
     board = cv2.aruco.CharucoBoard((4, 3), 40.0, 30.0, dictionary)
     _, ids, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(rasterise(sheet(target)))

@@ -51,9 +51,7 @@ def test_kinds_differ_by_their_closed_forms():
         (Box(**SAID, width_mm=mm(10.0), length_mm=mm(20.0), height_mm=mm(3.0)), (5.1, 0.0), 0.0),
         # A slope of 3 in 4: 20 from the low edge it is 15 high.
         (
-            Wedge(
-                **SAID, angle_deg=mm(math.degrees(math.atan(3 / 4))), width_mm=mm(80.0), length_mm=mm(10.0)
-            ),
+            Wedge(**SAID, angle_deg=mm(math.degrees(math.atan(3 / 4))), width_mm=mm(80.0), length_mm=mm(10.0)),
             (-20.0, 0.0),
             15.0,
         ),

@@ -64,9 +64,7 @@ def test_profile_of_an_independent_simulation():
 
 def test_edge_distance_counts_ridges_valleys_and_feet():
     x = [-6.5, -6.0, -5.0, -3.0, -1.4, 0.5]
-    np.testing.assert_allclose(
-        zigzag_edge_distance_mm(x, 2, LEG, APEX), [0.5, 0, 1, 0, 1.4, 0.5], atol=EXACT_MM
-    )
+    np.testing.assert_allclose(zigzag_edge_distance_mm(x, 2, LEG, APEX), [0.5, 0, 1, 0, 1.4, 0.5], atol=EXACT_MM)
 
 
 def test_profile_keeps_the_shape_and_passes_nan_on():

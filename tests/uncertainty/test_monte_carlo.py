@@ -184,9 +184,7 @@ def test_strip_angle_budget(case):
     u_break, u_theta_deg, percent, label, share = CASES[case]
     result = propagate(height, strip_inputs(u_break))
     assert result.result.value == pytest.approx(9.823, abs=5e-4)
-    assert 100 * result.result.u / result.result.value == pytest.approx(
-        percent, rel=0.02
-    )  # printed to 2 digits
+    assert 100 * result.result.u / result.result.value == pytest.approx(percent, rel=0.02)  # printed to 2 digits
     assert result.rows[0].label == label
     assert result.rows[0].percent == pytest.approx(share, abs=2)
     angle = propagate(lambda x: np.degrees(np.arctan(x[0] * x[1] / x[2])), strip_inputs(u_break)[:3]).result
@@ -229,9 +227,9 @@ def test_intervals_of_a_known_sample():
 
 
 def test_numerical_tolerance_of_published_u():
-    assert [
-        numerical_tolerance(u, d) for u, d in ((2.0, 2), (2.0, 1), (10.1489, 2), (0.0755, 1), (0.0755, 2))
-    ] == (pytest.approx([0.05, 0.5, 0.5, 0.005, 0.0005]))
+    assert [numerical_tolerance(u, d) for u, d in ((2.0, 2), (2.0, 1), (10.1489, 2), (0.0755, 1), (0.0755, 2))] == (
+        pytest.approx([0.05, 0.5, 0.5, 0.005, 0.0005])
+    )
     with pytest.raises(ValueError, match="greater than 0"):
         numerical_tolerance(0.0)
 

@@ -76,9 +76,7 @@ def test_scale_that_changes_over_the_field(make_scene, make_bars):
 
 def test_noise_and_outliers(make_scene, make_bars):
     errors = judged(make_scene(noise=0.2), make_bars())
-    assert errors.pooled.sd_mm == pytest.approx(
-        0.2, rel=0.06
-    )  # 1500 pixels: sd known to 1.8 %, three of them
+    assert errors.pooled.sd_mm == pytest.approx(0.2, rel=0.06)  # 1500 pixels: sd known to 1.8 %, three of them
     assert errors.terms[0].name == "noise"
     wrong = judged(make_scene(noise=0.02, outliers=0.05), make_bars())
     assert wrong.terms[0].name == "outliers"

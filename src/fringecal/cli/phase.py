@@ -86,9 +86,7 @@ def _session_sets(folder: Path, name: str | None) -> Iterator[_Set]:
         known = ", ".join(shifted) or "none"
         raise PhaseError(f"{folder}: no phase-shifted capture is called {name!r}; there are: {known}")
     if not shifted:
-        raise PhaseError(
-            f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more"
-        )
+        raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
     for key in [name] if name is not None else shifted:
         yield from _capture_sets(shifted[key])
 

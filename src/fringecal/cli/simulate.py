@@ -25,9 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def simulate(
-    rig: str = typer.Argument(
-        ..., help="Name of a shipped rig, or path of a .toml file.", show_default=False
-    ),
+    rig: str = typer.Argument(..., help="Name of a shipped rig, or path of a .toml file.", show_default=False),
     out: Path = typer.Option(..., "--out", help="Folder for the session; must be new, empty or a session."),
     captures: str = typer.Option("", help="Comma-separated captures to take; all of the rig's by default."),
     seed: int = typer.Option(0, min=0, help="Seed of noise and of what was measured by hand."),
@@ -38,9 +36,7 @@ def simulate(
     spec = load_rig(rig)
     names = [name.strip() for name in captures.split(",") if name.strip()] or [c.name for c in spec.capture]
     session = _taken(spec, names, seed, quiet=as_json)
-    folder = write_session(
-        out, session.document, session.frames, extra_files=session.files, overwrite=overwrite
-    )
+    folder = write_session(out, session.document, session.frames, extra_files=session.files, overwrite=overwrite)
     truth = truth_of(spec)
     if as_json:
         print_json(_report(spec, folder, session, truth, seed))
@@ -65,9 +61,7 @@ def _taken(spec: RigSpec, names: list[str], seed: int, *, quiet: bool) -> Simula
         return simulate_session(spec, names, seed=seed, progress=show)
 
 
-def _report(
-    spec: RigSpec, folder: Path, session: SimulatedSession, truth: Truth, seed: int
-) -> dict[str, object]:
+def _report(spec: RigSpec, folder: Path, session: SimulatedSession, truth: Truth, seed: int) -> dict[str, object]:
     return {
         "session": str(folder),
         "rig": spec.name,

@@ -27,9 +27,7 @@ def register(app: typer.Typer) -> None:
     )
     verb.command("list", epilog="Example: fringecal targets list")(list_command)
     verb.command("show", epilog="Example: fringecal targets show angle-bars")(show_command)
-    verb.command("draw", epilog="Example: fringecal targets draw grid-10mm --out grid.pdf --page A4")(
-        draw_command
-    )
+    verb.command("draw", epilog="Example: fringecal targets draw grid-10mm --out grid.pdf --page A4")(draw_command)
     app.add_typer(verb, name="targets")
 
 
@@ -63,9 +61,7 @@ def show_command(name: str = NAME, as_json: bool = AS_JSON) -> None:
 
 def draw_command(
     name: str = NAME,
-    out: Path = typer.Option(
-        ..., "--out", help="File to write; its ending, .pdf or .svg, decides the format."
-    ),
+    out: Path = typer.Option(..., "--out", help="File to write; its ending, .pdf or .svg, decides the format."),
     page: str = typer.Option("A4", help="A5..A0, letter, legal, tabloid, or WIDTHxHEIGHT in mm."),
     margin_mm: float = typer.Option(8.0, help="What the printer leaves white at each edge."),
     as_json: bool = AS_JSON,
@@ -122,6 +118,4 @@ def _write(file: Path, content: bytes) -> None:
         os.replace(part, file)
     except OSError as error:
         part.unlink(missing_ok=True)
-        raise TargetError(
-            f"{file}: cannot be written ({error.strerror}); check the path given to --out"
-        ) from None
+        raise TargetError(f"{file}: cannot be written ({error.strerror}); check the path given to --out") from None

@@ -84,9 +84,7 @@ def angle_estimate(
     return calibration.estimate(angle, unit="deg", label=label)
 
 
-def angles_from_breaks(
-    model: RigModel, surface: PhasePoints
-) -> tuple[Array, Array, Array]:
+def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Array, Array]:
     """Return tan(theta) that each pixel on a strip's top shows by itself, and the plate point it belongs to.
 
     The phase on the top at `X` is that of the plate where the projector's ray ends; the distance between the two
@@ -123,4 +121,3 @@ def _across_fringe(model: RigModel, x: Array, y: Array) -> tuple[Array, Array]:
     gx, gy, _ = model.gradient(x, y, 0.0)
     length = np.hypot(gx, gy) * _handed(model)
     return gx / length, gy / length
-

@@ -191,9 +191,7 @@ def _scatter_effects(fit: RigFit, size: int) -> list[Array]:
 def _camera_effects(fit: CameraFit) -> Sequence[tuple[str, Array]]:
     """Return the camera's stated causes, and the principal axes of what the crossings' scatter leaves."""
     stated = list(fit.causes.items())
-    left = fit.camera.covariance - sum(
-        (np.outer(e, e) for _, e in stated), np.zeros_like(fit.camera.covariance)
-    )
+    left = fit.camera.covariance - sum((np.outer(e, e) for _, e in stated), np.zeros_like(fit.camera.covariance))
     return [*stated, *(("grid crossings", axis) for axis in _axes(left))]
 
 

@@ -79,9 +79,7 @@ def column_angles(
     for column in columns_px:
         near = (np.abs(u_px - column) <= half_width_px) & np.isfinite(reduced)
         if np.count_nonzero(near) >= _MIN_PIXELS:
-            rows.append(
-                _column(calibration, strips, column, reduced, near, systematic_deg, projector)
-            )
+            rows.append(_column(calibration, strips, column, reduced, near, systematic_deg, projector))
     return tuple(rows)
 
 

@@ -88,9 +88,7 @@ def fit_rig(
     keep = [np.isfinite(s.phase_rad) for s in surfaces]
     for round_number in range(_ROUNDS):
         model = _improve(model, surfaces, keep)
-        model = RigModel(
-            model.parameters, projector_point(model.parameters, near=projector_near), model.residual
-        )
+        model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
         if residual_degree and round_number < _ROUNDS - 2:
             model = _with_residual(model, surfaces[0], keep[0], residual_degree)
         keep = [_inliers(_misfit(model, s), finite=np.isfinite(s.phase_rad)) for s in surfaces]
@@ -171,18 +169,12 @@ def _inverse(matrix: Array) -> Array:
     return np.linalg.inv(scaled) / np.outer(size, size)
 
 
-def _improve(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]
-) -> RigModel:
+def _improve(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> RigModel:
     matrix, right, _ = _normal(model, surfaces, keep)
-    return RigModel(
-        model.parameters + _inverse(matrix) @ right / _UNITS, model.projector_mm, model.residual
-    )
+    return RigModel(model.parameters + _inverse(matrix) @ right / _UNITS, model.projector_mm, model.residual)
 
 
-def _with_residual(
-    model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int
-) -> RigModel:
+def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
     """Measure the plate's smooth residual afresh from what the seven numbers leave."""
     x, y = plate.rays.ax[good], plate.rays.ay[good]
     box = (float(x.min()), float(x.max()), float(y.min()), float(y.max()))
@@ -194,9 +186,7 @@ def _with_residual(
     return RigModel(model.parameters, model.projector_mm, PlateResidual(degree, coefficients, box))
 
 
-def _report(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]
-) -> RigFit:
+def _report(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> RigFit:
     matrix, _, scores = _normal(model, surfaces, keep)
     inverse = _inverse(matrix)
     meat, number = np.zeros((7, 7)), 0
@@ -208,9 +198,7 @@ def _report(
         meat += sums.T @ sums * labels.size / max(1, labels.size - 1)
         number += labels.size
     covariance = inverse @ meat @ inverse / np.outer(_UNITS, _UNITS)
-    residuals = tuple(
-        np.where(good, _misfit(model, s), np.nan) for s, good in zip(surfaces, keep, strict=True)
-    )
+    residuals = tuple(np.where(good, _misfit(model, s), np.nan) for s, good in zip(surfaces, keep, strict=True))
     everything = np.concatenate([r[np.isfinite(r)] for r in residuals])
     return RigFit(
         model=model,

@@ -13,9 +13,7 @@ from fringecal.records.files import write_text
 _SHOWN_FAULTS = 8
 
 
-def read_document[Record: BaseModel](
-    path: str | Path, model: type[Record], form: str, *, file_name: str
-) -> Record:
+def read_document[Record: BaseModel](path: str | Path, model: type[Record], form: str, *, file_name: str) -> Record:
     """Read one record and check it against its model.
 
     Parameters
@@ -71,9 +69,7 @@ def _load_json(file: Path) -> dict[str, Any]:
     try:
         document = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
     except OSError as error:
-        raise RecordError(
-            f"{file}: cannot be read ({error.strerror or error}); give a record file"
-        ) from error
+        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
     except (ValueError, RecursionError) as error:
         raise RecordError(f"{file}: not a JSON document ({error}); it may be cut short or edited") from error
     if not isinstance(document, dict):
@@ -91,9 +87,7 @@ def _demand_format(file: Path, found: object, needed: str) -> None:
     if match is None:
         raise RecordError(f"{file}: format is {found!r}, needed {needed!r}; this is another kind of file")
     if int(match[1]) > int(version):
-        raise RecordError(
-            f"{file}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal"
-        )
+        raise RecordError(f"{file}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal")
     if match[0] != needed:
         raise RecordError(f"{file}: format {found!r} is unknown, needed {needed!r}")
 

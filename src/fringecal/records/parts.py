@@ -71,9 +71,7 @@ class EstimateRecord(Part):
     @classmethod
     def of(cls, estimate: Estimate) -> Self:
         """Take over an estimate of the toolkit."""
-        return cls(
-            value=float(estimate.value), u=float(estimate.u), dof=float(estimate.dof), unit=estimate.unit
-        )
+        return cls(value=float(estimate.value), u=float(estimate.u), dof=float(estimate.dof), unit=estimate.unit)
 
     def estimate(self, label: str = "") -> Estimate:
         """Give the estimate back, with infinite degrees of freedom where the record has null."""

@@ -58,9 +58,7 @@ def write_tif(path: str | Path, surface: Surface) -> Path:
     return Path(path)
 
 
-def write_mesh(
-    path: str | Path, surface: Surface, *, max_jump_mm: float | None = None, stride: int = 1
-) -> Path:
+def write_mesh(path: str | Path, surface: Surface, *, max_jump_mm: float | None = None, stride: int = 1) -> Path:
     """Write the surface as ``.ply`` or ``.stl`` (binary) or ``.obj``: mm, right-handed, z up.
 
     Parameters
@@ -148,9 +146,7 @@ def _write_triangles(path: str | Path, triangles: Triangles) -> Path:
     if suffix not in _MESHES:
         raise RecordError(f"{path}: a mesh is written as one of {', '.join(_MESHES)}, found {suffix!r}")
     attributes = {"u_z": triangles.u_z_mm.astype(np.float32)} if suffix == ".ply" else None
-    mesh = trimesh.Trimesh(
-        triangles.vertices_mm, triangles.faces, process=False, vertex_attributes=attributes
-    )
+    mesh = trimesh.Trimesh(triangles.vertices_mm, triangles.faces, process=False, vertex_attributes=attributes)
     with replacing(path) as sibling:
         sibling.write_bytes(_encode(mesh, suffix, _header(triangles)))
     return Path(path)

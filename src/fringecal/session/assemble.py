@@ -10,13 +10,10 @@ from fringecal.session.draft import Draft
 from fringecal.session.session import CameraKnown, Capture, ProjectorKnown, Session
 
 
-def assemble(
-    folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]
-) -> Session:
+def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]) -> Session:
     """Build the session of a folder in which no fault was found."""
     captures = [
-        _capture(draft, white, document.camera.channel)
-        for draft, white in zip(drafts, white_levels, strict=True)
+        _capture(draft, white, document.camera.channel) for draft, white in zip(drafts, white_levels, strict=True)
     ]
     return Session(
         folder=folder,

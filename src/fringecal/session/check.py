@@ -84,9 +84,7 @@ def _level(draft: Draft, document: SessionDocument) -> WhiteLevel:
     return white_level(draft.all_frames, draft.table.bits or document.camera.bits, draft.label)
 
 
-def _faults(
-    folder: Path, parsed: Parsed, drafts: Sequence[Draft], levels: Sequence[WhiteLevel]
-) -> Iterator[Fault]:
+def _faults(folder: Path, parsed: Parsed, drafts: Sequence[Draft], levels: Sequence[WhiteLevel]) -> Iterator[Fault]:
     yield from parsed.faults
     yield from consistency.header_faults(folder, parsed.sound_document)
     for draft, level in zip(drafts, levels, strict=True):

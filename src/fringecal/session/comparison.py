@@ -25,9 +25,7 @@ def colour_faults(draft: Draft, camera_channel: str | None) -> Iterator[Fault]:
 
 def uniformity_faults(drafts: Sequence[Draft]) -> Iterator[Fault]:
     """Refuse pictures of different sizes or bit depths, within a capture and between captures."""
-    sizes = {
-        d.label: [(f.path.name, f"{f.width_px} x {f.height_px} px") for f in d.all_frames] for d in drafts
-    }
+    sizes = {d.label: [(f.path.name, f"{f.width_px} x {f.height_px} px") for f in d.all_frames] for d in drafts}
     yield from _differences(sizes, "take or export all pictures at one size")
     # A capture that states its own bits means to differ from the others.
     stated = {draft.label for draft in drafts if draft.table.bits is not None}

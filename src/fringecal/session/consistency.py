@@ -123,9 +123,7 @@ def period_faults(draft: Draft) -> Iterator[Fault]:
     """Refuse two equal fringe periods: the second tells nothing new."""
     periods = draft.table.periods or []
     if len(set(periods)) < len(periods):
-        yield Fault(
-            f"{draft.label}: periods", f"equal periods in {periods}", "state each period once; use repeat"
-        )
+        yield Fault(f"{draft.label}: periods", f"equal periods in {periods}", "state each period once; use repeat")
 
 
 def name_faults(drafts: Sequence[Draft]) -> Iterator[Fault]:

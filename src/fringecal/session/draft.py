@@ -62,9 +62,7 @@ class Draft:
         return [self.facts[path] for path in files if path in self.facts]
 
 
-def draft_capture(
-    folder: Path, parsed: Parsed, index: int, examined: dict[Path, FrameFacts | Fault]
-) -> Draft:
+def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path, FrameFacts | Fault]) -> Draft:
     """Find and read everything that one capture names.
 
     Parameters
@@ -97,9 +95,7 @@ def draft_capture(
     )
 
 
-def _examined(
-    folder: Path, path: Path, label: str, examined: dict[Path, FrameFacts | Fault]
-) -> FrameFacts | Fault:
+def _examined(folder: Path, path: Path, label: str, examined: dict[Path, FrameFacts | Fault]) -> FrameFacts | Fault:
     if path not in examined:
         try:
             examined[path] = examine(path)

@@ -147,6 +147,4 @@ def read_bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise PictureError(
-            f"cannot be read ({error.strerror})", "see that it is there and may be read"
-        ) from error
+        raise PictureError(f"cannot be read ({error.strerror})", "see that it is there and may be read") from error

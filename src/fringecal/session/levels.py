@@ -58,9 +58,7 @@ def _from_bits(frames: Sequence[FrameFacts], bits: int, container_bits: int, lab
 def _from_files(stated: set[int | None], container_bits: int, label: str) -> WhiteLevel:
     if len(stated) == 1:
         return WhiteLevel(next(value for value in stated if value is not None))
-    levels = ", ".join(
-        "none" if value is None else str(value) for value in sorted(stated, key=lambda v: v or 0)
-    )
+    levels = ", ".join("none" if value is None else str(value) for value in sorted(stated, key=lambda v: v or 0))
     fault = Fault(label, f"the files state different white levels: {levels}", "state bits in the capture")
     return WhiteLevel((1 << container_bits) - 1, (fault,))
 
@@ -76,9 +74,7 @@ def _from_values(frames: Sequence[FrameFacts], container_bits: int, label: str) 
     idle = next((n for n in _IDLE_BITS if used % (1 << n) == 0), 0)
     if idle:
         value = full - ((1 << idle) - 1)
-        note = (
-            f"{label}: all values are multiples of {1 << idle}: read as {16 - idle} bit shifted to the left"
-        )
+        note = f"{label}: all values are multiples of {1 << idle}: read as {16 - idle} bit shifted to the left"
         return WhiteLevel(value, notes=(f"{note}, white level {value}",))
     fitting = next((n for n in (10, 12, 14) if peak < 1 << n), None)
     if fitting is None:

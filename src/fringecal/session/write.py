@@ -88,9 +88,7 @@ def _content_faults(frames: Mapping[str, np.ndarray], extra_files: Mapping[str, 
         if not is_inside(name)
     ]
     faults += [f"{name}: would be written twice" for name in frames if name in extra_files]
-    faults += [
-        f"{FILE_NAME}: is made from the document; do not pass it" for name in extra_files if name == FILE_NAME
-    ]
+    faults += [f"{FILE_NAME}: is made from the document; do not pass it" for name in extra_files if name == FILE_NAME]
     for name, frame in frames.items():
         if not name.lower().endswith(".png"):
             faults.append(f"{name}: frames are written as PNG; end the name in .png")

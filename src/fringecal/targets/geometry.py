@@ -189,9 +189,7 @@ def zigzag_edge_distance_mm(x_mm: ArrayLike, count: int, leg_mm: float, apex_deg
     [0.0, 1.0, 3.284]
     """
     x = np.asarray(x_mm, float)
-    edges = np.concatenate(
-        [zigzag_feet_mm(count, leg_mm, apex_deg), zigzag_ridges_mm(count, leg_mm, apex_deg)]
-    )
+    edges = np.concatenate([zigzag_feet_mm(count, leg_mm, apex_deg), zigzag_ridges_mm(count, leg_mm, apex_deg)])
     return np.min(np.abs(x[..., None] - edges), axis=-1)
 
 
@@ -212,14 +210,10 @@ def zigzag_height(target: Zigzag) -> Estimate:
     full height = 28.284 mm, u = 0.019 mm, dof inf
     """
     leg, half = target.leg_mm.value, math.radians(target.apex_deg.value) / 2
-    radius, u_radius = (
-        (target.ridge_radius_mm.value, target.ridge_radius_mm.u) if target.ridge_radius_mm else (0, 0)
-    )
+    radius, u_radius = (target.ridge_radius_mm.value, target.ridge_radius_mm.u) if target.ridge_radius_mm else (0, 0)
     parts = (
         math.cos(half) * target.leg_mm.u,
-        (-leg * math.sin(half) + radius * math.cos(half) / math.sin(half) ** 2)
-        * math.radians(target.apex_deg.u)
-        / 2,
+        (-leg * math.sin(half) + radius * math.cos(half) / math.sin(half) ** 2) * math.radians(target.apex_deg.u) / 2,
         (1 / math.sin(half) - 1) * u_radius,
     )
     value = zigzag_height_mm(leg, target.apex_deg.value, ridge_radius_mm=radius)

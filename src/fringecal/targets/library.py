@@ -38,9 +38,7 @@ def list_targets() -> list[str]:
     return sorted(file.stem for file in shipped_folder().glob("*.toml"))
 
 
-def load_target(
-    name_or_path: str | os.PathLike[str], *, folder: str | os.PathLike[str] | None = None
-) -> Target:
+def load_target(name_or_path: str | os.PathLike[str], *, folder: str | os.PathLike[str] | None = None) -> Target:
     """Read a target by the name of a shipped file or by a path.
 
     Parameters
@@ -75,9 +73,7 @@ def parse_target(stated: Mapping[str, Any], *, where: str = "target") -> Target:
             faults += [_fault(dict(found), list(model.model_fields)) for found in error.errors()]
     if faults:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        raise TargetError(
-            f"{where}: {count} in this target\n" + "\n".join(f"  - {fault}" for fault in faults)
-        )
+        raise TargetError(f"{where}: {count} in this target\n" + "\n".join(f"  - {fault}" for fault in faults))
     return target  # type: ignore[return-value]  # every model in KINDS is a member of Target
 
 
@@ -99,9 +95,7 @@ def _read(file: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise TargetError(
-            f"{file}: no such target file; check the path, or see the shipped targets"
-        ) from None
+        raise TargetError(f"{file}: no such target file; check the path, or see the shipped targets") from None
     except OSError as error:
         raise TargetError(f"{file}: cannot be read ({error.strerror}); a target is one TOML file") from None
     except UnicodeDecodeError:

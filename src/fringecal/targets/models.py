@@ -67,9 +67,7 @@ class LineGrid(Artefact):
     @classmethod
     def _heavy_has_period(cls, width: Scalar | None, info: ValidationInfo) -> Scalar | None:
         if width is not None and "heavy_every" in info.data and info.data["heavy_every"] is None:
-            raise ValueError(
-                "heavy_width_mm without heavy_every; say which lines are heavy, or leave both out"
-            )
+            raise ValueError("heavy_width_mm without heavy_every; say which lines are heavy, or leave both out")
         return width
 
 
@@ -125,9 +123,7 @@ class Dots(Artefact):
         pitch = info.data.get("pitch_mm")
         nearest = math.sqrt(2) if info.data.get("asymmetric") else 1.0
         if pitch is not None and diameter.value >= nearest * pitch.value:
-            raise ValueError(
-                f"dots of {diameter.value:g} overlap at {nearest * pitch.value:g} between centres"
-            )
+            raise ValueError(f"dots of {diameter.value:g} overlap at {nearest * pitch.value:g} between centres")
         return diameter
 
 
@@ -204,9 +200,7 @@ class Zigzag(Artefact):
             return radius
         largest_mm = leg.value * math.tan(math.radians(apex.value) / 2)
         if radius.value >= largest_mm:
-            raise ValueError(
-                f"a radius of {radius.value:g} leaves no flank; it must be below {largest_mm:.4g}"
-            )
+            raise ValueError(f"a radius of {radius.value:g} leaves no flank; it must be below {largest_mm:.4g}")
         return radius
 
 
@@ -279,9 +273,7 @@ class BallBar(Artefact):
             return spacing
         sum_of_radii = float(diameters.array(2).mean())
         if spacing.value < sum_of_radii:
-            raise ValueError(
-                f"balls overlap: {spacing.value:g} between centres, radii sum to {sum_of_radii:g}"
-            )
+            raise ValueError(f"balls overlap: {spacing.value:g} between centres, radii sum to {sum_of_radii:g}")
         return spacing
 
 

@@ -103,9 +103,7 @@ class Quantity(BaseModel):
             raise ValueError(f"u is a standard uncertainty and cannot be negative, found {self.u}")
         n_u = len(self.u) if isinstance(self.u, tuple) else 1
         if n_u not in (1, len(self.values)):
-            raise ValueError(
-                f"{n_u} uncertainties for {len(self.values)} value(s); give one u, or one per value"
-            )
+            raise ValueError(f"{n_u} uncertainties for {len(self.values)} value(s); give one u, or one per value")
         return self
 
     @property

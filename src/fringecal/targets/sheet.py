@@ -77,9 +77,7 @@ def page_size_mm(page: str) -> tuple[float, float]:
     except ValueError:
         width = height = math.nan
     if not (0 < width < math.inf and 0 < height < math.inf):
-        raise TargetError(
-            f'unknown page "{page}"; take {", ".join(PAGES_MM)}, or a size in mm such as 420x600'
-        )
+        raise TargetError(f'unknown page "{page}"; take {", ".join(PAGES_MM)}, or a size in mm such as 420x600')
     return width, height
 
 
@@ -105,15 +103,11 @@ def sheet(target: Artefact, *, page: str = "A4", margin_mm: float = 8.0) -> Draw
         The target is not printable or does not fit the page; the message says by how much.
     """
     if not isinstance(target, PRINTABLE):
-        raise TargetError(
-            f'"{target.name}" is not a printed pattern; only line-grid, chessboard, charuco and dots are'
-        )
+        raise TargetError(f'"{target.name}" is not a printed pattern; only line-grid, chessboard, charuco and dots are')
     needed = _extent_mm(target)
     paper = _choose_page(needed, page, margin_mm)
     pattern = _pattern(target, paper)
-    return Drawing(
-        paper.width_mm, paper.height_mm, target.name, (*pattern, *_rulers(paper), *_text(target, paper))
-    )
+    return Drawing(paper.width_mm, paper.height_mm, target.name, (*pattern, *_rulers(paper), *_text(target, paper)))
 
 
 def _choose_page(needed: tuple[float, float], page: str, margin_mm: float) -> Page:
@@ -123,10 +117,7 @@ def _choose_page(needed: tuple[float, float], page: str, margin_mm: float) -> Pa
     papers = Page(width, height, margin_mm), Page(height, width, margin_mm)
     least = (RULER_MM + TEXT_AWAY_MM + TEXT_MM, RULER_MM)
     for paper in papers:
-        if all(
-            max(need, low) <= room + 1e-9
-            for need, low, room in zip(needed, least, paper.room_mm, strict=True)
-        ):
+        if all(max(need, low) <= room + 1e-9 for need, low, room in zip(needed, least, paper.room_mm, strict=True)):
             return paper
     upright, lying = (f"{max(0, paper.room_mm[0]):g} x {max(0, paper.room_mm[1]):g} mm" for paper in papers)
     raise TargetError(
@@ -191,9 +182,7 @@ def _line_widths(target: LineGrid, lines: int) -> np.ndarray:
 def _centred(paper: Page, x: float, y: float, width: float, height: float, ink: str) -> Rectangle:
     """Rectangle about a point given from the pattern's centre, y down."""
     cx, cy = paper.centre_mm
-    return Rectangle(
-        cx + x - width / 2, cy + y - height / 2, width, height, "white" if ink == "white" else "black"
-    )
+    return Rectangle(cx + x - width / 2, cy + y - height / 2, width, height, "white" if ink == "white" else "black")
 
 
 def _cells(columns: int, rows: int, square: float, paper: Page) -> tuple[Floats, Floats]:

@@ -76,9 +76,7 @@ def budget(
     total = float(share.sum())
     percent = 100 * share / total if total > 0 else np.zeros_like(c)
     rows = [
-        BudgetRow(
-            item.label, item.value, float(ui), item.unit, item.dof, float(ci), float(abs(ci) * ui), float(p)
-        )
+        BudgetRow(item.label, item.value, float(ui), item.unit, item.dof, float(ci), float(abs(ci) * ui), float(p))
         for item, ui, ci, p in zip(inputs, u, c, percent, strict=True)
     ]
     return Budget(result, tuple(sorted(rows, key=lambda row: -row.percent)))

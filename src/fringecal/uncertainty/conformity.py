@@ -33,9 +33,7 @@ class GlobalRisks:
     consumer_of_accepted: float
 
 
-def conformance_probability(
-    y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf
-) -> float:
+def conformance_probability(y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf) -> float:
     """Probability that a quantity measured as y lies within limits (JCGM 106:2012, eq. 13).
 
     ``p = Phi((TU - y) / u) - Phi((TL - y) / u)``; normal distribution, nothing known before.
@@ -51,9 +49,7 @@ def conformance_probability(
     return float(stats.norm.cdf((upper - y) / u) - stats.norm.cdf((lower - y) / u))
 
 
-def decide(
-    y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = 0.95
-) -> Decision:
+def decide(y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = 0.95) -> Decision:
     """Decide on conformity with four outcomes.
 
     "pass": conformity is proved, ``p >= level``; "fail": non-conformity is proved, ``p <= 1 - level``;

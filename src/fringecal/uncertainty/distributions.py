@@ -98,6 +98,4 @@ def draw_normal(mean: ArrayLike, covariance: ArrayLike, rng: np.random.Generator
     mean, covariance
         (n,) and (n, n).
     """
-    return rng.multivariate_normal(
-        np.asarray(mean, float), np.asarray(covariance, float), size, method="eigh"
-    ).T
+    return rng.multivariate_normal(np.asarray(mean, float), np.asarray(covariance, float), size, method="eigh").T

@@ -67,9 +67,7 @@ def jacobian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None, method: 
         raise ValueError(f'method {method!r} is not "central" or "complex"')
     result = np.stack(columns, axis=-1)
     if not np.all(np.isfinite(result)):
-        raise FitError(
-            f"the model has no finite derivative at {point.tolist()}; check the inputs and their ranges"
-        )
+        raise FitError(f"the model has no finite derivative at {point.tolist()}; check the inputs and their ranges")
     return result
 
 
@@ -134,11 +132,7 @@ def propagate(
     u = np.array([item.u for item in inputs])
     matrix = np.diag(u**2) if covariance is None else _checked(covariance, len(x))
     scale = np.sqrt(np.diag(matrix))
-    c = (
-        jacobian(model, x, u=scale, method=method)
-        if sensitivities is None
-        else np.asarray(sensitivities, float)
-    )
+    c = jacobian(model, x, u=scale, method=method) if sensitivities is None else np.asarray(sensitivities, float)
     u_result = math.sqrt(max(float(c @ matrix @ c), 0.0))
     dof = effective_dof(c, matrix, [item.dof for item in inputs], rule=dof_rule)
     result = Estimate(float(np.asarray(model(x))), u_result, unit=unit, label=label, dof=dof)
@@ -193,9 +187,7 @@ def effective_dof(
     return float(math.floor(nu * (1 + 1e-12))) if rule == "truncated" else nu
 
 
-def second_order(
-    model: Model, inputs: Sequence[Estimate], *, covariance: ArrayLike | None = None
-) -> SecondOrder:
+def second_order(model: Model, inputs: Sequence[Estimate], *, covariance: ArrayLike | None = None) -> SecondOrder:
     """Correct a result for the curvature of its model.
 
     ``y = f + 1/2 sum f_ij u_ij`` (JCGM 100:2008 Amd. 1:2026, 4.1.4); the variance gains
@@ -251,9 +243,7 @@ def _steps(x: Floats, u: ArrayLike | None) -> Floats:
 def _checked(covariance: ArrayLike, size: int) -> Floats:
     matrix = np.asarray(covariance, float)
     if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
-        raise ValueError(
-            f"a symmetric covariance of shape ({size}, {size}) is needed, found shape {matrix.shape}"
-        )
+        raise ValueError(f"a symmetric covariance of shape ({size}, {size}) is needed, found shape {matrix.shape}")
     return matrix
 
 

@@ -54,9 +54,7 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
     """
     xs, ys = np.asarray(x, float), np.asarray(y, float)
     if xs.shape != ys.shape or xs.size < 3 or np.ptp(xs) == 0:
-        raise FitError(
-            f"a line needs three points at two places at least, found {xs.size} and {ys.size} values"
-        )
+        raise FitError(f"a line needs three points at two places at least, found {xs.size} and {ys.size} values")
     middle = xs.mean()
     spread = float(np.sum((xs - middle) ** 2))
     slope = float(np.sum((xs - middle) * ys)) / spread

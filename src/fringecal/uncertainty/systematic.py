@@ -57,9 +57,7 @@ def mean_uncertainty(
     return linear_uncertainty(weights, u, sensitivities=sensitivities, covariance=covariance)
 
 
-def combined_map(
-    u_random: ArrayLike, sensitivities: ArrayLike, covariance: ArrayLike | None = None
-) -> Floats:
+def combined_map(u_random: ArrayLike, sensitivities: ArrayLike, covariance: ArrayLike | None = None) -> Floats:
     """Total standard uncertainty of each value, ``sqrt(u_r^2 + c^T C c)``.
 
     Parameters

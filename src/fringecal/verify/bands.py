@@ -37,14 +37,11 @@ def band_errors(across: Floats, along: Floats, error: Floats, shape: ZigzagShape
     return (*_means("along", along_band, along_centres, error), *_means("flank", flank, flank_centres, error))
 
 
-def _means(
-    kind: str, number: NDArray[np.int64], centres: NDArray[np.floating], error: Floats
-) -> tuple[Band, ...]:
+def _means(kind: str, number: NDArray[np.int64], centres: NDArray[np.floating], error: Floats) -> tuple[Band, ...]:
     number = np.clip(number, 0, len(centres) - 1)
     count = np.bincount(number, minlength=len(centres))
     total = np.bincount(number, weights=error, minlength=len(centres))
     enough = count >= max(20.0, _MIN_SHARE * float(np.median(count[count > 0])))
     return tuple(
-        Band(kind, float(centres[i]), int(count[i]), float(total[i] / count[i]))
-        for i in np.flatnonzero(enough)
+        Band(kind, float(centres[i]), int(count[i]), float(total[i] / count[i])) for i in np.flatnonzero(enough)
     )

@@ -47,9 +47,7 @@ def error_field(surface: Surface, pose: ZigzagPose, shape: ZigzagShape) -> Error
     valid = np.asarray(surface.mask, bool) & np.isfinite(z) & np.isfinite(u_z)
     valid &= np.isfinite(surface.x) & np.isfinite(surface.y)
     if not np.any(valid & pose.on_bars(surface.x, surface.y, shape)):
-        raise FitError(
-            "no valid pixel of the surface, with its uncertainty, lies on the bars; check mask and u_z"
-        )
+        raise FitError("no valid pixel of the surface, with its uncertainty, lies on the bars; check mask and u_z")
     x, y = _filled(surface.x, valid), _filled(surface.y, valid)
     across, along = pose.across_along(x, y)
     reference = zigzag_height(across, shape) + pose.seat_height(x, y)
@@ -70,9 +68,7 @@ def error_field(surface: Surface, pose: ZigzagPose, shape: ZigzagShape) -> Error
     )
 
 
-def default_places(
-    field: ErrorField, preferred: tuple[int, ...], spread: tuple[float, ...]
-) -> tuple[int, ...]:
+def default_places(field: ErrorField, preferred: tuple[int, ...], spread: tuple[float, ...]) -> tuple[int, ...]:
     """Rows (or columns) of the profiles: the preferred rows if all cross the bars, else spread over them."""
     crossing = (field.inside & field.valid).sum(axis=1 if field.axis == "row" else 0)
     good = np.flatnonzero(crossing >= 0.5 * crossing.max())

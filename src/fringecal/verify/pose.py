@@ -72,16 +72,12 @@ class ZigzagPose:
         dx, dy = np.asarray(x, float) - self.x_mm, np.asarray(y, float) - self.y_mm
         return self.z_mm + self.tilt_x_rad * dx + self.tilt_y_rad * dy
 
-    def on_bars(
-        self, x: NDArray[np.floating], y: NDArray[np.floating], shape: ZigzagShape
-    ) -> NDArray[np.bool_]:
+    def on_bars(self, x: NDArray[np.floating], y: NDArray[np.floating], shape: ZigzagShape) -> NDArray[np.bool_]:
         """Tell which plate points lie under the bars."""
         across, along = self.across_along(x, y)
         return (np.abs(across) <= shape.count * shape.base_mm / 2) & (np.abs(along) <= shape.length_mm / 2)
 
-    def reference_height(
-        self, x: NDArray[np.floating], y: NDArray[np.floating], shape: ZigzagShape
-    ) -> Floats:
+    def reference_height(self, x: NDArray[np.floating], y: NDArray[np.floating], shape: ZigzagShape) -> Floats:
         """Height of the target above the plate, mm; NaN beside the bars."""
         height = zigzag_height(self.across_along(x, y)[0], shape) + self.seat_height(x, y)
         return np.where(self.on_bars(x, y, shape), height, np.nan)

@@ -54,9 +54,7 @@ class _Points:
         return _Points(self.x[index], self.y[index], self.z[index])
 
 
-def register_zigzag(
-    surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate"
-) -> ZigzagPose:
+def register_zigzag(surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate") -> ZigzagPose:
     """Find the bars of a zig-zag target in a measured surface.
 
     Facets give the direction, the target's period the place across, the plate beside the bars
@@ -103,9 +101,7 @@ def register_zigzag(
 def _usable(surface: Surface) -> NDArray[np.bool_]:
     shapes = {np.shape(m) for m in (surface.x, surface.y, surface.z, surface.mask)}
     if len(shapes) > 1 or len(next(iter(shapes))) != 2:
-        raise FitError(
-            f"the surface's maps x, y, z and mask differ in shape: {sorted(shapes)}; one is needed"
-        )
+        raise FitError(f"the surface's maps x, y, z and mask differ in shape: {sorted(shapes)}; one is needed")
     finite = np.isfinite(surface.x) & np.isfinite(surface.y) & np.isfinite(surface.z)
     valid = np.asarray(surface.mask, bool) & finite
     if np.count_nonzero(valid) < 500:
@@ -241,9 +237,7 @@ def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: boo
     return replace(pose, names=names, covariance=covariance, residual_sd_mm=scale)
 
 
-def _linearised(
-    pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool
-) -> tuple[Floats, Floats]:
+def _linearised(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool) -> tuple[Floats, Floats]:
     across, along = pose.across_along(points.x, points.y)
     residual = points.z - zigzag_height(across, shape) - pose.seat_height(points.x, points.y)
     slope = -np.sign(ridge_offset(across, shape)) * shape.slope
