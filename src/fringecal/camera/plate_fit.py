@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.camera.scatter import shared_scatter
 from fringecal.errors import FitError
 from fringecal.uncertainty.estimates import Estimate
 
@@ -65,6 +66,7 @@ def fit_plate_camera(
     lens: PlateCamera | None = None,
     focal_px: Estimate | None = None,
     distortion: tuple[str, ...] = ("k1",),
+    index: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
 ) -> CameraFit:
     """Fit scale, aspect, tilt and distortion to indexed crossings; priors enter as observations.
 
@@ -89,6 +91,9 @@ def fit_plate_camera(
         A camera whose distortion and principal point are taken over, and its focal length.
     distortion
         Which of Brown's parameters are free.
+    index
+        Row and column of the crossings: neighbours on a line share points, and the covariance must know
+        (`camera.scatter`). Without it they count as independent.
 
     Raises
     ------
@@ -108,7 +113,7 @@ def fit_plate_camera(
     problem = _prepare(
         points_px, points_mm, shape, sigma_px, telecentric, distortion, pitch_rel_u, height_mm, focal_px, lens
     )
-    solution, keep = _solve_robustly(problem, _first_guess(problem))
+    solution, keep = _solve_robustly(problem, _first_guess(problem), index)
     return _report(problem, solution, keep)
 
 
@@ -216,7 +221,9 @@ def _solve(problem: _Problem, start: Array, keep: Array, factor: float) -> _Solu
     return _Solution(result.x, covariance, factor)
 
 
-def _solve_robustly(problem: _Problem, start: Array) -> tuple[_Solution, Array]:
+def _solve_robustly(
+    problem: _Problem, start: Array, index: tuple[NDArray[np.int64], NDArray[np.int64]] | None
+) -> tuple[_Solution, Array]:
     """Solve, drop crossings that disagree, solve again with sigma scaled to the residuals found."""
     keep = np.ones(problem.u.size, dtype=bool)
     solution = _solve(problem, start, keep, 1.0)
@@ -233,6 +240,9 @@ def _solve_robustly(problem: _Problem, start: Array) -> tuple[_Solution, Array]:
         spread = np.concatenate([du[keep], dv[keep]]) / np.tile(problem.sigma[keep], 2)
         factor = math.sqrt(np.sum(spread**2) / max(1, spread.size - solution.vector.size))
         factor = max(factor, _LEAST_FACTOR)
+        if index is not None:
+            rest = np.where(keep[:, None], np.column_stack([du, dv]), np.nan)
+            factor *= math.sqrt(shared_scatter(*index, np.column_stack([problem.u, problem.v]), rest))
         solution = _solve(problem, solution.vector, keep, factor)
     return solution, keep
 
