@@ -25,7 +25,7 @@ _LEAST_PIXELS = 25  # of a region; smaller ones are given to their neighbours
 _LEAST_BORDER = 5  # pixel pairs
 _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
 _OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order
-_GREATEST_STEP_RAD = 1.6  # median step left over a border that is no edge, the slope's share in it
+_GREATEST_STEP_RAD = 2.0  # median step left over a border that is no edge, the slope's share in it
 _CELL_PX = 16  # side of the cells into which borders are cut
 
 
