@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from fringecal.camera.lens import Lens
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.camera.scatter import shared_scatter
 from fringecal.errors import FitError
@@ -16,6 +17,7 @@ Array = NDArray[np.float64]
 
 _MIN_CROSSINGS = 12
 _OUTLIER = 4.0  # residuals beyond this many robust sigmas are wrong crossings, not noise
+_EXACT = 1e-7  # relative u of a focal length whose file states none
 _LEAST_FACTOR = 0.02  # residuals of drawn pictures may vanish; the priors must still be felt beside them
 _POSE = ("turn_rad", "x0_mm", "y0_mm", "stretch")
 
@@ -51,7 +53,7 @@ class _Problem:
     free: tuple[int, ...]
     stretch_u: float
     height: Estimate | None
-    focal: Estimate | None
+    lens: Lens | None
 
 
 def fit_plate_camera(
@@ -63,8 +65,7 @@ def fit_plate_camera(
     sigma_px: Array | float = 0.05,
     height_mm: Estimate | None = None,
     telecentric: bool = False,
-    lens: PlateCamera | None = None,
-    focal_px: Estimate | None = None,
+    lens: Lens | None = None,
     distortion: tuple[str, ...] = ("k1",),
     index: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
 ) -> CameraFit:
@@ -87,8 +88,9 @@ def fit_plate_camera(
         Entrance pupil above the plate. A single grid seen square-on holds no information about it.
     telecentric
         True for a lens whose rays are parallel; `height_mm` must then be absent.
-    lens, focal_px
-        A camera whose distortion and principal point are taken over, and its focal length.
+    lens
+        A full lens, calibrated elsewhere: focal length, principal point and distortion with their
+        covariance enter as observations; `distortion` is then not asked.
     distortion
         Which of Brown's parameters are free.
     index
@@ -105,14 +107,12 @@ def fit_plate_camera(
             f"{len(points_px)} crossings of the grid were indexed; at least {_MIN_CROSSINGS} are needed. "
             "Photograph the grid larger or sharper."
         )
-    if not telecentric and height_mm is None and focal_px is None:
+    if not telecentric and height_mm is None and lens is None:
         raise FitError(
             "The camera's height is not stated, and one square-on grid can never yield it (any focal length "
             "fits equally well). State camera.height_mm = { value, u }, or camera.model, or telecentric = true."
         )
-    problem = _prepare(
-        points_px, points_mm, shape, sigma_px, telecentric, distortion, pitch_rel_u, height_mm, focal_px, lens
-    )
+    problem = _prepare(points_px, points_mm, shape, sigma_px, telecentric, distortion, pitch_rel_u, height_mm, lens)
     solution, keep = _solve_robustly(problem, _first_guess(problem), index)
     return _report(problem, solution, keep)
 
@@ -126,17 +126,17 @@ def _prepare(  # noqa: PLR0913, PLR0917 -- private: gathers what the public func
     distortion: tuple[str, ...],
     stretch_u: float,
     height: Estimate | None,
-    focal: Estimate | None,
-    lens: PlateCamera | None,
+    lens: Lens | None,
 ) -> _Problem:
-    values = {} if lens is None else {n: lens[n] for n in CAMERA_NAMES[4:11]} | {"aspect": lens["aspect"]}
+    if lens is not None:
+        _refuse_other_camera(lens, shape, telecentric=telecentric)
+    values = {} if lens is None else lens_parameters(lens)
     guess = 1.0 if telecentric else (height.value if height else 1000.0)
     start = PlateCamera.from_values(
         {"height_mm": guess, "scale_mm_per_px": 1.0} | values, shape, telecentric=telecentric
     )
     names = ["scale_mm_per_px", "tilt_x_rad", "tilt_y_rad"]
-    if lens is None:
-        names += ["aspect", *distortion]
+    names += ["aspect", *distortion] if lens is None else _uncertain(lens)
     if not telecentric:
         names.append("height_mm")
     elif lens is None:
@@ -146,7 +146,45 @@ def _prepare(  # noqa: PLR0913, PLR0917 -- private: gathers what the public func
     sigma = np.broadcast_to(np.asarray(sigma_px, float), (len(points_px),)).copy()
     u, v = np.asarray(points_px, float).T
     x, y = (np.asarray(points_mm, float) - np.mean(points_mm, axis=0)).T
-    return _Problem(u, v, x, y, sigma, start, free, stretch_u, height, focal)
+    return _Problem(u, v, x, y, sigma, start, free, stretch_u, height, lens)
+
+
+def _refuse_other_camera(lens: Lens, shape: tuple[int, int], *, telecentric: bool) -> None:
+    if telecentric:
+        raise FitError("a telecentric camera has no focal length, but a pinhole's model is stated; keep one of the two")
+    if (lens.height_px, lens.width_px) != tuple(shape):
+        raise FitError(
+            f"the camera model is for pictures of {lens.width_px} x {lens.height_px} px, the grid's picture has "
+            f"{shape[1]} x {shape[0]}; state the model of this camera at this picture size"
+        )
+
+
+def lens_parameters(lens: Lens) -> dict[str, float]:
+    """Give the lens in the names of `CAMERA_NAMES`; its focal length is scale and height there."""
+    values = {name: lens[name] for name in ("k1", "k2", "p1", "p2", "k3")}
+    centre = {"cu_px": lens["cx_px"] - (lens.width_px - 1) / 2, "cv_px": lens["cy_px"] - (lens.height_px - 1) / 2}
+    return values | centre | {"aspect": lens["fx_px"] / lens["fy_px"]}
+
+
+def _uncertain(lens: Lens) -> list[str]:
+    """Parameters of the camera that the lens does not state exactly."""
+    known = {"aspect": "fy_px", "cu_px": "cx_px", "cv_px": "cy_px"} | {n: n for n in ("k1", "k2", "p1", "p2", "k3")}
+    return [name for name, own in known.items() if lens.estimate(own).u > 0]
+
+
+def _lens_of(camera: PlateCamera) -> Array:
+    """Parameters of a camera in the order of `camera.lens.LENS_NAMES`."""
+    (u0, v0), focal = camera.centre_px, camera.focal_px
+    distortion = [camera[name] for name in ("k1", "k2", "p1", "p2", "k3")]
+    return np.array([focal, focal / camera["aspect"], u0 + camera["cu_px"], v0 + camera["cv_px"], *distortion])
+
+
+def _lens_rows(lens: Lens) -> tuple[NDArray[np.int64], Array]:
+    """Which lens parameters are observed, and the matrix that makes their differences unit normal."""
+    observed = np.flatnonzero(np.diag(lens.covariance) > 0)
+    if observed.size == 0:
+        return np.array([0]), np.array([[1 / (_EXACT * lens.values[0])]])
+    return observed, np.linalg.inv(np.linalg.cholesky(lens.covariance[np.ix_(observed, observed)]))
 
 
 def _first_guess(problem: _Problem) -> Array:
@@ -165,8 +203,8 @@ def _first_guess(problem: _Problem) -> Array:
     scale = 1 / abs(gain)
     camera = problem.start.parameters.copy()
     camera[0] = scale
-    if problem.focal is not None and problem.height is None:
-        camera[-1] = problem.focal.value * scale
+    if problem.lens is not None and problem.height is None:
+        camera[-1] = problem.lens["fx_px"] * scale
     origin = shift * scale
     return np.concatenate([camera[list(problem.free)], [np.angle(gain), origin.real, origin.imag, 0.0]])
 
@@ -193,8 +231,9 @@ def _residuals(vector: Array, problem: _Problem, keep: Array, factor: float) -> 
     camera = _camera_of(problem, vector)
     if problem.height is not None:
         rows.append(np.atleast_1d((camera["height_mm"] - problem.height.value) / max(problem.height.u, 1e-6)))
-    if problem.focal is not None:
-        rows.append(np.atleast_1d((camera.focal_px - problem.focal.value) / max(problem.focal.u, 1e-6)))
+    if problem.lens is not None:
+        observed, whitening = _lens_rows(problem.lens)
+        rows.append(whitening @ (_lens_of(camera) - problem.lens.values)[observed])
     return np.concatenate(rows)
 
 
@@ -273,16 +312,30 @@ def _causes(problem: _Problem, solution: _Solution) -> dict[str, Array]:
     height = CAMERA_NAMES.index("height_mm")
     if problem.height is not None and height in free:
         rows["camera height"] = _unit_row(solution.vector.size, free.index(height)) / max(problem.height.u, 1e-6)
-    if problem.focal is not None and height in free:
-        focal = _camera_of(problem, solution.vector).focal_px
-        row = _unit_row(solution.vector.size, free.index(height)) * focal / solution.vector[free.index(height)]
-        row -= _unit_row(solution.vector.size, free.index(0)) * focal / solution.vector[free.index(0)]
-        rows["focal length"] = row / max(problem.focal.u, 1e-6)
     causes = {}
     for label, row in rows.items():
         effect = np.zeros(len(CAMERA_NAMES))
         effect[free] = (solution.covariance @ row)[: len(free)]
         causes[label] = effect
+    return causes | _lens_causes(problem, solution)
+
+
+def _lens_causes(problem: _Problem, solution: _Solution) -> dict[str, Array]:
+    """Effects of the stated lens: one per principal axis of its covariance."""
+    if problem.lens is None or not problem.lens.covariance.any():
+        return {}
+    observed, whitening = _lens_rows(problem.lens)
+    base = _lens_of(_camera_of(problem, solution.vector))
+    steps = np.maximum(1e-3 * np.sqrt(np.diag(solution.covariance)), 1e-12)
+    columns = [
+        (_lens_of(_camera_of(problem, solution.vector + step)) - base)[observed] / step.sum() for step in np.diag(steps)
+    ]
+    free = list(problem.free)
+    causes = {}
+    for number, row in enumerate(whitening @ np.column_stack(columns)):
+        effect = np.zeros(len(CAMERA_NAMES))
+        effect[free] = (solution.covariance @ row)[: len(free)]
+        causes[f"lens {number + 1}"] = effect
     return causes
 
 
