@@ -59,9 +59,9 @@ def test_pictures_give_the_same_as_their_session(lens):
 def test_table_for_people(lens):
     result = run(lens)
     assert result.exit_code == 0
-    # Not significant against the stated 0, 90, 180, 270 deg: nothing but the table is said.
+    # Published: 0, 90.4, 180.3, 270.1 deg; a difference to the stated steps that is known to 0.05 deg is said.
     assert "lens" in result.stdout
-    assert "differ" not in result.stdout
+    assert "differ from the stated 0, 90, 180, 270 deg" in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -223,7 +223,7 @@ def _sentences(one: dict[str, Any]) -> Iterator[str]:
     if found and found["differ"]:
         stated = ", ".join(f"{step:g}" for step in one["steps_stated_deg"])
         u = max(found["u_deg"])
-        yield f"the steps differ from the stated {stated} deg by more than three times u = {u:.3f} deg"
+        yield f"the steps differ from the stated {stated} deg by more than chance explains (u = {u:.3f} deg)"
     yield from one["notes"]
     if one["files"]:
         yield "wrote " + ", ".join(one["files"])

@@ -209,12 +209,12 @@ def _run(grey: NDArray, scheme: Scheme, limits: kernels.Limits, result: PhaseMap
     products = np.stack([w[1] * w[1], w[2] * w[2], w[1] * w[2]])
     constant = noise.read_sigma**2 * products.sum(axis=1)
     least = 1e-3 * min(constant[0], constant[1])
-    steps = np.asarray(scheme.steps_rad)
-    model = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
+    rows = np.column_stack([w, scheme.zero])
+    shot = np.column_stack([noise.gain * products, np.zeros(3)])
     kernels.demodulate_full(
-        grey.reshape(len(steps), -1),
-        (np.concatenate([w, noise.gain * products]) if noise.gain else w).astype(np.float32),
-        model.astype(np.float32),
+        grey.reshape(len(grey), -1),
+        np.concatenate([rows, shot] if noise.gain else [rows]).astype(np.float32),
+        scheme.model.astype(np.float32),
         np.array([*constant, least], np.float32),
         limits,
         result.phase.reshape(-1),

@@ -84,9 +84,9 @@ def _three_sums(frames, start, count, weights, sums, peak):  # type: ignore[no-u
     )
     for i in range(count):
         x, y, z = np.float32(one[i]), np.float32(two[i]), np.float32(three[i])
-        a[i] = weights[0, 0] * x + weights[0, 1] * y + weights[0, 2] * z
-        c[i] = weights[1, 0] * x + weights[1, 1] * y + weights[1, 2] * z
-        s[i] = weights[2, 0] * x + weights[2, 1] * y + weights[2, 2] * z
+        a[i] = weights[0, 0] * x + weights[0, 1] * y + weights[0, 2] * z - weights[0, -1]
+        c[i] = weights[1, 0] * x + weights[1, 1] * y + weights[1, 2] * z - weights[1, -1]
+        s[i] = weights[2, 0] * x + weights[2, 1] * y + weights[2, 2] * z - weights[2, -1]
         peak[i] = max(x, max(y, z))
     for n in range(3, frames.shape[0]):
         wa, wc, ws = weights[0, n], weights[1, n], weights[2, n]
@@ -121,7 +121,7 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
     frames
         Grey values, uint8, uint16 or float32, (N, M): M pixels in any order.
     weights
-        float32 (3, N), as in `Scheme.weights`.
+        float32 (3, N + 1): `Scheme.weights` and, as the last column, `Scheme.zero`.
     limits
         `Limits`; only white_level, dark_level and min_modulation are used.
     phase, modulation, reasons
@@ -148,14 +148,14 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
 
 @njit(fastmath=_FAST, inline="always")
 def _residuals(frames, start, count, model, sums, rss):  # type: ignore[no-untyped-def]
-    """Fill `rss` with each pixel's sum of squared residuals; `model` (N, 3) holds 1, cos, -sin."""
+    """Fill `rss` with each pixel's sum of squared residuals; `model` is (N, 4)."""
     a, c, s = sums[0], sums[1], sums[2]
     rss[:count] = _ZERO
     for n in range(frames.shape[0]):
-        mc, ms = model[n, 1], model[n, 2]
+        ma, mc, ms, constant = model[n, 0], model[n, 1], model[n, 2], model[n, 3]
         frame = frames[n, start : start + count]
         for i in range(count):
-            r = np.float32(frame[i]) - (a[i] + mc * c[i] + ms * s[i])
+            r = np.float32(frame[i]) - (ma * a[i] + mc * c[i] + ms * s[i] + constant)
             rss[i] += r * r
 
 
@@ -176,11 +176,11 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
     frames
         Grey values, uint8, uint16 or float32, (N, M).
     weights
-        float32 (6, N): the rows of `Scheme.weights` for A, C, S, then gain times the products of rows
+        float32 (6, N + 1): the rows of `Scheme.weights` for A, C, S, then gain times the products of rows
         C C, S S and C S, which turn the grey values into the shot-noise part of their covariance;
-        (3, N) where there is no shot noise.
+        (3, N + 1) where there is no shot noise. The last column is subtracted: `Scheme.zero`, then 0.
     model
-        float32 (N, 3): 1, cos(delta), -sin(delta); empty (0, 3) when residuals are not tested.
+        float32 (N, 4), as in `Scheme.model`; the residuals of four frames and more are tested with it.
     noise
         float32 (4,): the constant parts of the three covariances; the least variance of C and S.
     limits
@@ -189,7 +189,7 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
         Outputs, (M,); phase and sigma are NaN where masked.
     """
     pixels = phase.shape[0]
-    tested, shot = model.shape[0] > 3, weights.shape[0] > 3
+    tested, shot = frames.shape[0] > 3, weights.shape[0] > 3
     spare = np.float32(max(frames.shape[0] - 3, 1))
     max_variance = limits.max_sigma_rad * limits.max_sigma_rad
     for block in prange((pixels + BLOCK - 1) // BLOCK):

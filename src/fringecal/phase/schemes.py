@@ -5,7 +5,7 @@ weights turn the N grey values of a pixel into `A`, `C = B cos(phi)` and `S = B 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,11 +28,29 @@ class Scheme:
         Phase steps delta_n of the N frames, rad.
     weights
         Array (3, N): rows give A, B cos(phi) and B sin(phi) from the N grey values.
+    gains, offsets
+        Brightness of each frame against the mean, and grey levels added to it, where they are known to differ:
+        `I_n = gain_n (A + B cos(phi + delta_n)) + offset_n`; empty for 1 and 0.
     """
 
     name: str
     steps_rad: tuple[float, ...]
     weights: NDArray[np.float64]
+    gains: tuple[float, ...] = ()
+    offsets: tuple[float, ...] = ()
+
+    @property
+    def zero(self) -> NDArray[np.float64]:
+        """Return what the weights give for the offsets alone, which is to be subtracted, (3,)."""
+        return self.weights @ self.offsets if self.offsets else np.zeros(3)
+
+    @property
+    def model(self) -> NDArray[np.float64]:
+        """Return what A, B cos(phi), B sin(phi) and 1 are multiplied with in each frame, (N, 4)."""
+        steps = np.asarray(self.steps_rad)
+        columns = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
+        gains = np.asarray(self.gains or np.ones_like(steps))[:, None]
+        return np.column_stack([gains * columns, self.offsets or np.zeros_like(steps)])
 
     @property
     def noise_gain(self) -> float:
@@ -41,7 +59,9 @@ class Scheme:
         return float(np.sqrt(variance * len(self.steps_rad) / 2))
 
 
-def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
+def least_squares(
+    steps_rad: ArrayLike, *, name: str | None = None, gains: ArrayLike = 1.0, offsets: ArrayLike = 0.0
+) -> Scheme:
     """Build the least-squares scheme for any set of three or more steps.
 
     Parameters
@@ -50,10 +70,13 @@ def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
         Phase steps delta_n, rad, (N,), N >= 3; equal spacing is not needed.
     name
         Name for reports; by default the number of steps.
+    gains, offsets
+        Brightness of each frame against the mean, and grey levels added to it, (N,), where they are known,
+        such as `StepEstimate.gain_per_frame` and `.offset_per_frame`.
 
     Notes
     -----
-    With the design matrix `M = [1, cos(delta), -sin(delta)]` the weights are `(M^T M)^-1 M^T`
+    With the design matrix `M = gain [1, cos(delta), -sin(delta)]` the weights are `(M^T M)^-1 M^T`
     (Greivenkamp, Opt. Eng. 23 (1984) 350, eq. 11).
 
     Raises
@@ -70,9 +93,11 @@ def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
     """
     steps = np.asarray(steps_rad, dtype=np.float64).ravel()
     _refuse_too_few(steps)
-    design = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
+    of_frames = _one_each(gains, steps, "gains"), _one_each(offsets, steps, "offsets")
+    bare = Scheme(name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.empty((3, 0)), *of_frames)
+    design = bare.model[:, :3]
     singular = np.linalg.svd(design, compute_uv=False)
-    scheme = Scheme(name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.linalg.pinv(design))
+    scheme = replace(bare, weights=np.linalg.pinv(design))
     if singular[-1] < 1e-6 * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
         raise PhaseError(
             f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
@@ -80,6 +105,14 @@ def least_squares(steps_rad: ArrayLike, *, name: str | None = None) -> Scheme:
             "check steps_deg (duplicated frames count once)"
         )
     return scheme
+
+
+def _one_each(values: ArrayLike, steps: NDArray[np.float64], what: str) -> tuple[float, ...]:
+    """Return one finite number for each step."""
+    found = np.asarray(values, np.float64)
+    if found.shape not in ((), steps.shape) or not np.isfinite(found).all():
+        raise PhaseError(f"{what} of shape {found.shape} for {steps.size} steps; needed: one finite number per frame")
+    return tuple(np.broadcast_to(found, steps.shape).tolist())
 
 
 def _refuse_too_few(steps: NDArray[np.float64]) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from fringecal.errors import PhaseError
 from fringecal.phase.blocks import BLOCK_FRINGES, Block, measure_blocks
@@ -19,7 +20,7 @@ from fringecal.phase.noise import Noise
 _LEAST_BLOCKS = 4
 _OUTLIER_MADS = 4.0
 _MAD_TO_SIGMA = 1.482602218505602
-_SIGNIFICANT = 3.0
+_CHANCE = 0.0027  # three standard deviations of a normal distribution
 _ROUNDS = 3
 _CONVERGED_RAD = 1e-5
 
@@ -67,8 +68,12 @@ class StepEstimate:
 
     @property
     def significant(self) -> bool:
-        """Tell whether any step differs from the stated one by more than three standard uncertainties."""
-        return bool((np.abs(self.errors_rad[1:]) > _SIGNIFICANT * self.u_rad[1:]).any())
+        """Tell whether any step differs from the stated one by more than chance allows (0.27 %, Student)."""
+        return bool((np.abs(self.errors_rad[1:]) > self.coverage(_CHANCE) * self.u_rad[1:]).any())
+
+    def coverage(self, chance: float) -> float:
+        """Return how many standard uncertainties a deviation exceeds by chance with this probability."""
+        return float(stats.t.isf(chance / 2, max(self.n_blocks - 3, 1)))
 
 
 def estimate_steps(

@@ -27,12 +27,14 @@ LEAST_GAIN_ERROR = 0.01
 LEAST_BLUR = 0.04
 LEAST_CLIPPING = 0.045
 LEAST_SECOND_HARMONIC = 0.04
+LEAST_RIPPLE_RAD = 0.012
 LEAST_SATURATED = 0.003
 LEAST_CONTRAST = 0.25
 LEAST_PERIOD_PX = 6.0
 LEAST_FRINGES = 4.0
 LEAST_GRADIENT_RAD = np.deg2rad(0.7)
 _SIGNIFICANT = 4.0
+_CHANCE = 1e-4
 _MISORDERED = 0.3
 _SAMPLES_ALONG = 160
 _MOST_PERMUTED = 6
@@ -257,7 +259,8 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
         return
     error = phase_error(steps.stated_rad, true_steps_rad=steps.steps_rad)
     worst = int(np.abs(steps.errors_rad).argmax())
-    if steps.significant and ripple_rms(error) > LEAST_COST_RAD:
+    sure = abs(steps.errors_rad[worst]) > steps.coverage(_CHANCE) * steps.u_rad[worst]
+    if sure and ripple_rms(error) > LEAST_COST_RAD:
         found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(steps.steps_rad))
         yield Finding(
             "wrong steps",
@@ -269,7 +272,10 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
         )
     height, width = evidence.map.phase.shape
     over_field = steps.gradient_rad_px * [width, height]
-    known = np.abs(steps.gradient_rad_px) > _SIGNIFICANT * steps.u_gradient_rad_px
+    known = np.abs(steps.gradient_rad_px) > steps.coverage(_CHANCE) * steps.u_gradient_rad_px
+    # A slope among blocks that scatter as much as it rises may as well be the object's doing.
+    scatter = steps.u_rad[:, None] * np.sqrt(steps.n_blocks)
+    known &= np.abs(over_field) / np.sqrt(12) > scatter
     largest = float(np.abs(np.where(known, over_field, 0.0)).max())
     if largest > LEAST_GRADIENT_RAD:
         yield Finding(
@@ -298,7 +304,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
             cost,
             "lower the contrast of the printed or displayed fringes; take four steps or more",
         )
-    elif abs(second) > max(LEAST_SECOND_HARMONIC, _SIGNIFICANT * wave.u[0]):
+    elif abs(second) > _SIGNIFICANT * wave.u[0] and (abs(second) > LEAST_SECOND_HARMONIC or cost > LEAST_RIPPLE_RAD):
         yield Finding(
             "gamma",
             "projector or camera does not answer in proportion to light",
