@@ -1,7 +1,7 @@
 """`fringecal phase`: phase maps of a session's phase-shifted captures, or of pictures, and what they show."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.errors import PhaseError, SessionError
-from fringecal.phase import PhaseSummary, StepEstimate, summarise
+from fringecal.phase import Diagnosis, PhaseSummary, StepEstimate, diagnose, summarise
 from fringecal.records.files import replacing
-from fringecal.report.figures_phase import phase_overview
-from fringecal.session import Capture, load_session
+from fringecal.report.figures_phase import doctor_overview, phase_overview
+from fringecal.session import Capture, Session, load_session
 from fringecal.session.faults import PictureError
 from fringecal.session.frames import read_bytes
 from fringecal.session.picture import decode, to_grey
@@ -27,6 +27,10 @@ SOURCE is a session folder, or the pictures of one set in the order of --steps.
 Example: fringecal phase bench/2026-11-22 --capture reference --out phase-maps
 
 Example: fringecal phase a.png b.png c.png --steps 0,120,240
+
+With --doctor, says what is wrong with the pictures, what it costs and what to do; exit code 3 if anything is.
+
+Example: fringecal phase bench/2026-11-22 --doctor --out phase-maps
 """
 
 
@@ -38,6 +42,7 @@ class _Set:
     frames: np.ndarray
     steps_rad: np.ndarray
     white_level: float | None
+    reference: np.ndarray | None = None
 
 
 def register(app: typer.Typer) -> None:
@@ -50,6 +55,8 @@ def phase(
     steps: str | None = typer.Option(None, "--steps", help="Steps of the pictures in deg: 0,120,240."),
     capture: str | None = typer.Option(None, "--capture", help="Only this capture of the session."),
     out: Path | None = typer.Option(None, "--out", help="Folder for NAME.npz (maps) and NAME.png (figure)."),
+    doctor: bool = typer.Option(False, "--doctor", help="Say what is wrong with the pictures."),
+    mm_per_rad: float | None = typer.Option(None, help="Height of one radian, mm: the doctor's costs in mm too."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-phase/1)."),
 ) -> None:
     """Load, demodulate, save, print."""
@@ -57,11 +64,25 @@ def phase(
     for one in _sets(source, steps, capture):
         summary = summarise(one.frames, one.steps_rad, white_level=one.white_level)
         files = _save(summary, one.name, out) if out else []
-        documents.append(_document(one, summary, files))
+        document = _document(one, summary, files)
+        if doctor:
+            diagnosis = diagnose(
+                one.frames,
+                one.steps_rad,
+                white_level=one.white_level,
+                reference=one.reference,
+                mm_per_rad=mm_per_rad,
+            )
+            document["findings"] = [asdict(finding) for finding in diagnosis.findings]
+            document["ripple_rad"] = {str(order): value for order, value in diagnosis.ripple_rad.items()}
+            document["files"] += _save_doctor(diagnosis, one.name, out) if out else []
+        documents.append(document)
     if as_json:
         print_json({"format": "fringecal-phase/1", "captures": documents})
     else:
         _show(documents)
+    if any(document.get("findings") for document in documents):
+        raise typer.Exit(3)
 
 
 def _sets(source: list[Path], steps: str | None, capture: str | None) -> Iterator[_Set]:
@@ -88,10 +109,17 @@ def _session_sets(folder: Path, name: str | None) -> Iterator[_Set]:
     if not shifted:
         raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
     for key in [name] if name is not None else shifted:
-        yield from _capture_sets(shifted[key])
+        yield from _capture_sets(shifted[key], _reference_of(session, shifted[key]))
 
 
-def _capture_sets(capture: Capture) -> Iterator[_Set]:
+def _reference_of(session: Session, capture: Capture) -> Capture | None:
+    """Return the session's picture of the bare plate, if it has one that can be compared with a capture."""
+    plates = [one for one in session.find("reference") if one.name != capture.name]
+    same = [one for one in plates if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    return same[0] if len(same) == 1 else None
+
+
+def _capture_sets(capture: Capture, plate: Capture | None) -> Iterator[_Set]:
     """Give one set for each fringe period and repeat of a capture."""
     periods, repeats = max(1, len(capture.periods)), capture.repeat
     for repeat in range(repeats):
@@ -100,7 +128,10 @@ def _capture_sets(capture: Capture) -> Iterator[_Set]:
             name += f"-period{period + 1}" if periods > 1 else ""
             name += f"-repeat{repeat + 1}" if repeats > 1 else ""
             frames = capture.read_set(repeat=repeat, period=period)
-            yield _Set(name, frames, np.asarray(capture.steps_rad), capture.white_level)
+            bare = plate.read_set(period=period) if plate is not None else None
+            if bare is not None and bare.shape != frames.shape:
+                bare = None
+            yield _Set(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare)
 
 
 def _picture_set(paths: list[Path], steps_rad: np.ndarray) -> _Set:
@@ -146,6 +177,13 @@ def _save(summary: PhaseSummary, name: str, folder: Path) -> list[str]:
     with replacing(folder / f"{name}.png") as path:
         phase_overview(map_, title=name).savefig(path)
     return [str(folder / f"{name}.{suffix}") for suffix in ("npz", "png")]
+
+
+def _save_doctor(diagnosis: Diagnosis, name: str, folder: Path) -> list[str]:
+    """Write what the doctor looked at as a figure."""
+    with replacing(folder / f"{name}-doctor.png") as path:
+        doctor_overview(diagnosis, title=name).savefig(path)
+    return [str(folder / f"{name}-doctor.png")]
 
 
 def _document(one: _Set, summary: PhaseSummary, files: list[str]) -> dict[str, Any]:
@@ -225,5 +263,16 @@ def _sentences(one: dict[str, Any]) -> Iterator[str]:
         u = max(found["u_deg"])
         yield f"the steps differ from the stated {stated} deg by more than chance explains (u = {u:.3f} deg)"
     yield from one["notes"]
+    for finding in one.get("findings", []):
+        yield _finding_sentence(finding)
+    if one.get("findings") == []:
+        yield "the doctor finds nothing wrong"
     if one["files"]:
         yield "wrote " + ", ".join(one["files"])
+
+
+def _finding_sentence(finding: dict[str, Any]) -> str:
+    """Write one finding as a sentence: what, how large, what it costs, what to do."""
+    rad, mm = finding["cost_rad"], finding["cost_mm"]
+    cost = "costs pixels" if rad is None else f"costs {rad:.3f} rad rms" + (f", {mm:.3f} mm" if mm is not None else "")
+    return f"{finding['name'].upper()}: {finding['what']} ({finding['how_large']}); {cost}; {finding['remedy']}"

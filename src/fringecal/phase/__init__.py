@@ -1,15 +1,21 @@
-"""Pixels only: schemes, demodulation with noise and mask, unwrapping, and the steps found from the frames."""
+"""Pixels only: schemes, demodulation with noise and mask, unwrapping, and a doctor for the frames."""
 
+from fringecal.phase.corrections import correct_steps, equalise
 from fringecal.phase.demodulate import PhaseMap, Reason, demodulate
+from fringecal.phase.doctor import Diagnosis, diagnose
 from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
 from fringecal.phase.steps import StepEstimate, estimate_steps
 from fringecal.phase.summary import PhaseSummary, summarise
+from fringecal.phase.symptoms import Finding
 from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
 from fringecal.phase.unwrap import Unwrapped, unwrap
+from fringecal.phase.waveform import Waveform, correct_gamma, estimate_waveform, phase_error
 
 __all__ = [
+    "Diagnosis",
+    "Finding",
     "FringePeriod",
     "Noise",
     "PhaseMap",
@@ -18,18 +24,25 @@ __all__ = [
     "Scheme",
     "StepEstimate",
     "Unwrapped",
+    "Waveform",
     "beat_period",
     "beat_phase",
     "buckets",
     "carre",
     "carrier",
+    "correct_gamma",
+    "correct_steps",
     "demodulate",
+    "diagnose",
+    "equalise",
     "estimate_noise",
     "estimate_steps",
+    "estimate_waveform",
     "fringe_period",
     "least_squares",
     "noise_from_repeats",
     "order_error_rate",
+    "phase_error",
     "phase_gradient",
     "quadrant_phase",
     "scheme",

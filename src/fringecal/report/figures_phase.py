@@ -1,4 +1,4 @@
-"""Phase figures: the wrapped phase, its modulation and uncertainty, and why pixels are masked."""
+"""Phase figures: the wrapped phase, its uncertainty, why pixels are masked, and what the doctor sees."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -7,10 +7,12 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.patches import Patch
 
-from fringecal.phase import PhaseMap, Reason
+from fringecal.phase import Diagnosis, PhaseMap, Reason
 from fringecal.report.style import (
+    AMBER,
     BLUE,
     GREEN,
+    GREY,
     HEIGHT_MAP,
     INK,
     MASKED,
@@ -79,6 +81,95 @@ def phase_overview(map_: PhaseMap, *, title: str = "") -> Figure:
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles))
     figure.suptitle(title)
     return figure
+
+
+@styled
+def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
+    """Draw what the doctor looks at: ripple by order, shape of the fringes, each frame, and the mask.
+
+    Parameters
+    ----------
+    diagnosis
+        What `fringecal.phase.diagnose` found.
+    title
+        Which capture.
+    """
+    figure = new_figure(10.5, 7.4)
+    (ripple, wave), (frames, reasons) = figure.subplots(2, 2)
+    _ripple(ripple, diagnosis)
+    _wave(wave, diagnosis)
+    _frames(frames, diagnosis)
+    handles = _reasons(reasons, diagnosis.map)
+    reasons.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
+    names = ", ".join(dict.fromkeys(diagnosis.names())) or "nothing found"
+    figure.suptitle(f"{title}: {names}" if title else names)
+    return figure
+
+
+_CAUSES = {1: "lamp", 2: "steps"}
+
+
+def _ripple(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the amplitude of each order of ripple, with the family of causes that it points to."""
+    axes.set_title("ripple of the phase against the fringes")
+    if not diagnosis.ripple_rad:
+        _nothing(axes)
+        return
+    # N steps turn harmonics N - 1 and N + 1 of the fringes into a ripple of order N.
+    n = len(diagnosis.steps.stated_rad) if diagnosis.steps is not None else 3
+    causes = _CAUSES | {n: "gamma"}
+    orders, amplitudes = zip(*diagnosis.ripple_rad.items(), strict=True)
+    places = range(len(orders))
+    axes.bar(places, amplitudes, color=[ORANGE if k in causes else GREY for k in orders], width=0.6)
+    axes.set_xticks(list(places), [f"{k}\n{causes.get(k, '')}" for k in orders])
+    axes.set_xlabel("order: ripples per fringe, and usual cause")
+    axes.set_ylabel("amplitude / rad")
+    axes.set_ylim(0, max(0.02, 1.1 * max(amplitudes)))
+
+
+def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the fringes' shape from its measured harmonics beside the cosine that it should be."""
+    axes.set_title("shape of the fringes")
+    if diagnosis.wave is None:
+        _nothing(axes)
+        return
+    angle = np.linspace(-np.pi, np.pi, 361)
+    shape = np.cos(angle)
+    for order, share in enumerate(diagnosis.wave.ratios, start=2):
+        shape = shape + (share * np.exp(1j * order * angle)).real
+    axes.plot(angle, np.cos(angle), color=GREY, linestyle="--", label="cosine")
+    axes.plot(angle, shape, color=BLUE, label=f"measured (exponent {diagnosis.wave.gamma:.2f})")
+    axes.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
+    axes.set_xlabel("phase from the crest / rad")
+    axes.set_ylabel("light / modulation")
+    axes.legend(loc="lower center")
+
+
+def _frames(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw what each frame is off by: its step, and its modulation."""
+    axes.set_title("each frame")
+    steps = diagnosis.steps
+    if steps is None:
+        _nothing(axes)
+        return
+    places = np.arange(len(steps.stated_rad))
+    error, u = np.rad2deg(steps.errors_rad), np.rad2deg(steps.u_rad)
+    axes.bar(places - 0.2, error, 0.36, yerr=2 * u, color=BLUE, ecolor=INK, label="step - stated / deg (bars: 2 u)")
+    axes.bar(places + 0.2, 100 * (steps.gain_per_frame - 1), 0.36, color=AMBER, label="modulation - mean / %")
+    axes.axhline(0, color=INK, linewidth=0.8)
+    largest = max(1.0, np.abs(error).max(), 100 * np.abs(steps.gain_per_frame - 1).max())
+    axes.set_ylim(-1.2 * largest, 1.6 * largest)  # room for the legend
+    axes.set_xticks(places, [f"{k + 1}" for k in places])
+    axes.set_xlabel("frame")
+    axes.set_ylabel("deg or %")
+    axes.legend(loc="upper left")
+
+
+def _nothing(axes: Axes) -> None:
+    """Say that there is nothing to draw."""
+    axes.text(0.5, 0.5, "not measured", ha="center", va="center", color=GREY, transform=axes.transAxes)
+    axes.set_xticks([])
+    axes.set_yticks([])
 
 
 def _phase(axes: Axes, map_: PhaseMap) -> None:
