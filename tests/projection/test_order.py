@@ -110,6 +110,15 @@ def test_plate_model_returns_the_five_numbers_of_the_plate():
     np.testing.assert_allclose(model.phase(x, y), rig.phase(x, y), atol=1e-7)
 
 
+def test_reference_with_strips_on_it_is_refused():
+    rig, _ = aimed_rig(50.7, 1000.0, 8.0)
+    bare, _ = captures(rig, 3.0)
+    on_strip = np.arange(bare.phase_rad.size) % 2 == 0
+    covered = PhasePoints(bare.rays, 0.0, bare.phase_rad - 2.9 * on_strip, bare.cluster)
+    with pytest.raises(FitError, match="no bare plate"):
+        plate_model(covered)
+
+
 def test_one_height_cannot_make_a_rig():
     rig, _ = aimed_rig(50.7, 1000.0, 8.0)
     plate, _ = captures(rig, 3.0)

@@ -27,6 +27,8 @@ _CLOSE = 0.75 * math.pi  # a predicted step further off than this decides nothin
 _LEAST_CHIRP = 0.02  # change of the pitch over the field below which light counts as collimated
 _PLATE_POINTS = 5_000
 _PLATE_DEGREE = 5
+_ROUGH_RAD = 0.5
+_MOST_ROUGH = 0.1  # share of the plate's points that may be off by more than that
 _FLOOR_RAD = 2e-3  # residuals of blocks below this are as good as none
 
 
@@ -125,7 +127,7 @@ def plate_model(plate: PhasePoints) -> RigModel:
     Raises
     ------
     FitError
-        The plate's points do not span the field.
+        The plate's points do not span the field, or are not those of a bare plate.
     """
     good = np.flatnonzero(np.isfinite(plate.phase_rad))
     good = np.random.default_rng(2008).permutation(good)[:_PLATE_POINTS]
@@ -147,6 +149,12 @@ def plate_model(plate: PhasePoints) -> RigModel:
         residual = _smooth_residual(model, x[keep], y[keep], phi[keep])
         left = phi - model.ratio(x, y, 0.0) - residual(x, y)
         keep = np.abs(left) < 4.5 * 1.4826 * float(np.median(np.abs(left))) + 1e-9
+    rough = float(np.mean(np.abs(left) > _ROUGH_RAD))
+    if rough > _MOST_ROUGH:
+        raise FitError(
+            f"The reference is no bare plate: over {100 * rough:.0f} % of it the phase is more than {_ROUGH_RAD} rad "
+            "off a smooth one. Something lies on the plate, or the captures of strips and reference are exchanged."
+        )
     return RigModel(parameters, np.full(3, np.inf), residual)
 
 
@@ -421,7 +429,10 @@ def _by_possibility(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
             f"The fringe order of the strips is open: {listed}. State projector.position_mm (a tape measure is "
             "enough), or use lower strips or wider fringes."
         )
-    reason = "smallest residual by far" if others else "the only order whose projector looks at the plate from above"
+    reason = "smallest residual by far" if others else "the only order whose projector looks down at the plate"
+    if math.isfinite(best.off_axis_deg):
+        # A height stated wrongly shows here first: it makes the projector look past the plate.
+        reason += f", its axis {abs(best.off_axis_deg):.0f} deg beside the picture's centre"
     return OrderDecision(best.order, reason, candidates, best.orders)
 
 
