@@ -265,7 +265,9 @@ def _solve_robustly(
 ) -> tuple[_Solution, Array]:
     """Solve, drop crossings that disagree, solve again with sigma scaled to the residuals found."""
     keep = np.ones(problem.u.size, dtype=bool)
-    solution = _solve(problem, start, keep, 1.0)
+    # From afar the crossings count little beside what is stated, or a first step may throw the height away.
+    far = float(np.sqrt(np.mean((np.concatenate(_misfit_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
+    solution = _solve(problem, start, keep, max(1.0, far))
     for _ in range(3):
         du, dv = _misfit_px(problem, solution.vector)
         size = np.hypot(du, dv) / problem.sigma

@@ -1,0 +1,169 @@
+"""Find calibration boards: chessboards, ChArUco and dots, through OpenCV; every point at its place on the board."""
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from fringecal.errors import DetectionError
+
+FloatArray = npt.NDArray[np.float64]
+Grey = npt.NDArray[np.uint8]
+
+MIN_SIDE_PX = 40
+#: A ChArUco may be partly covered; fewer corners than these do not fix its pose and scale.
+MIN_CHARUCO_CORNERS = 8
+#: Neither search finds all boards that the other one does.
+CHESSBOARD_SEARCHES = (
+    cv2.CALIB_CB_ACCURACY,
+    cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE,
+)
+
+
+def find_chessboard(image: npt.NDArray[np.generic], columns: int, rows: int) -> FloatArray:
+    """Find the inner corners of a chessboard.
+
+    Parameters
+    ----------
+    image
+        Grey picture, (H, W).
+    columns, rows
+        Inner corners in a row, and rows of them.
+
+    Returns
+    -------
+    FloatArray
+        Corners (rows, columns, 2), px as (u, v).
+
+    Raises
+    ------
+    DetectionError
+        If not all corners are seen.
+
+    Notes
+    -----
+    OpenCV's sector-based detector (Duda and Frese, BMVC 2018). A chessboard turned by half a turn is the
+    same; only its handedness is fixed here, so that rows run downward where columns run to the right.
+    """
+    grey = _as_bytes(image)
+    for flags in CHESSBOARD_SEARCHES:
+        found, corners = cv2.findChessboardCornersSB(grey, (columns, rows), flags=flags)
+        if found:
+            break
+    else:
+        raise DetectionError(
+            f"no chessboard of {columns} x {rows} inner corners is wholly in the picture; show all of it, in focus, "
+            "and check the counts (inner corners, not squares)"
+        )
+    return _right_handed(np.asarray(corners, dtype=float).reshape(rows, columns, 2))
+
+
+def find_charuco(
+    image: npt.NDArray[np.generic], squares: tuple[int, int], *, marker_part: float, dictionary: str
+) -> FloatArray:
+    """Find the inner corners of a ChArUco board, part of which may be hidden.
+
+    Parameters
+    ----------
+    image
+        Grey picture, (H, W).
+    squares
+        Columns and rows of squares.
+    marker_part
+        Side of a marker over side of a square.
+    dictionary
+        Name of the ArUco dictionary, for example ``"DICT_4X4_50"``.
+
+    Returns
+    -------
+    FloatArray
+        Corners (rows - 1, columns - 1, 2), px as (u, v), NaN where hidden.
+
+    Raises
+    ------
+    DetectionError
+        If fewer than eight corners are seen.
+    """
+    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    detector = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard(squares, 1.0, marker_part, known))
+    corners, numbers, _, _ = detector.detectBoard(_as_bytes(image))
+    count = 0 if numbers is None else len(numbers)
+    if count < MIN_CHARUCO_CORNERS:
+        raise DetectionError(
+            f"{count} corners of the ChArUco board ({squares[0]} x {squares[1]} squares, {dictionary}) are seen, "
+            f"{MIN_CHARUCO_CORNERS} are needed; show more of it, larger, and check its dictionary"
+        )
+    points = np.full(((squares[0] - 1) * (squares[1] - 1), 2), np.nan)
+    points[np.ravel(numbers)] = np.reshape(corners, (-1, 2))
+    return points.reshape(squares[1] - 1, squares[0] - 1, 2)
+
+
+def find_dots(image: npt.NDArray[np.generic], columns: int, rows: int, *, asymmetric: bool = False) -> FloatArray:
+    """Find the dots of a board, all of which must be seen.
+
+    Parameters
+    ----------
+    image
+        Grey picture of dark or light dots, (H, W).
+    columns, rows
+        Dots in a row, and rows.
+    asymmetric
+        Whether every second row is moved by half the distance of its dots.
+
+    Returns
+    -------
+    FloatArray
+        Centres (rows, columns, 2), px as (u, v); of asymmetric dots (rows, 2 columns, 2), on the
+        square grid of one pitch that they half fill, NaN at the free sites.
+
+    Raises
+    ------
+    DetectionError
+        If not all dots are seen.
+
+    Notes
+    -----
+    The centre of a disc's image is not the image of its centre when the board is tilted; the difference
+    grows with the square of the diameter. Chessboards do not have it.
+    """
+    kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
+    grey = _as_bytes(image)
+    for picture in (grey, 255 - grey):
+        found, centres = cv2.findCirclesGrid(picture, (columns, rows), flags=kind | cv2.CALIB_CB_CLUSTERING)
+        if found:
+            dots = np.asarray(centres, dtype=float).reshape(rows, columns, 2)
+            return _half_filled(dots) if asymmetric else _right_handed(dots)
+    raise DetectionError(
+        f"no board of {columns} x {rows} {'asymmetric ' if asymmetric else ''}dots is wholly in the picture; show all "
+        "of it and check the counts"
+    )
+
+
+def _half_filled(dots: FloatArray) -> FloatArray:
+    """Asymmetric dots on the square grid of one pitch: dot k of row j stands at place 2 k + j mod 2."""
+    rows, columns = dots.shape[:2]
+    grid = np.full((rows, 2 * columns, 2), np.nan)
+    grid[0::2, 0::2], grid[1::2, 1::2] = dots[0::2], dots[1::2]
+    return grid
+
+
+def _right_handed(points: FloatArray) -> FloatArray:
+    """Reverse the rows where columns and rows turn the wrong way round."""
+    along, down = points[:, -1] - points[:, 0], points[-1] - points[0]
+    (a, b), (c, d) = along.mean(axis=0), down.mean(axis=0)
+    return points if a * d - b * c > 0 else points[:, ::-1].copy()
+
+
+def _as_bytes(image: npt.NDArray[np.generic]) -> Grey:
+    """Check the picture and give it as the 8 bit that OpenCV's board detectors want, its range stretched."""
+    image = np.asarray(image)
+    if image.ndim != 2 or min(image.shape) < MIN_SIDE_PX:
+        raise DetectionError(
+            f"a board is sought in a grey picture (H, W) of at least {MIN_SIDE_PX} px, got shape {image.shape}"
+        )
+    if image.dtype == np.uint8:
+        return np.ascontiguousarray(image)
+    grey = image.astype(float)
+    if not np.isfinite(grey).all() or np.ptp(grey) == 0:
+        raise DetectionError("the picture holds NaN, infinite values or one single brightness")
+    low, high = np.percentile(grey, (0.1, 99.9))
+    return np.clip((grey - low) * 255 / max(high - low, 1e-12), 0, 255).astype(np.uint8)
