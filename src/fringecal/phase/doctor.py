@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.phase.blocks import RIPPLE_ORDERS, Block
+from fringecal.phase.blocks import RIPPLE_ORDERS, Block, measure_blocks
 from fringecal.phase.demodulate import PhaseMap, demodulate
 from fringecal.phase.period import FringePeriod, fringe_period
 from fringecal.phase.steps import StepEstimate, steps_and_blocks
@@ -30,8 +30,8 @@ class Diagnosis:
     period, steps, wave
         Fringe period, steps and wave shape as measured; None where the scene does not allow it.
     ripple_rad
-        Amplitude of the phase's ripple against the fringes by order (1 lamp, 2 steps, 3 gamma with three
-        steps), rad; empty where it was not measured.
+        Amplitude of the ripple that the phase has with the stated steps, by order against the fringes (1 lamp,
+        2 steps, 3 gamma with three steps), rad; empty where it was not measured.
     notes
         What could not be looked at, and why.
     """
@@ -87,10 +87,12 @@ def diagnose(
     map_ = demodulate(grey, steps, white_level=white_level, max_misfit=np.inf)
     evidence = _with_reference(Evidence(sparse(grey), steps, map_), grey, reference, white_level)
     notes: list[str] = []
+    ripple: dict[int, float] = {}
     try:
         evidence = replace(evidence, period=fringe_period(map_.phase, map_.valid))
         found, blocks = steps_and_blocks(grey, steps, mask=mask, white_level=white_level)
         evidence = replace(evidence, steps=found, blocks=blocks, wave=waveform_of_blocks(blocks))
+        ripple = _ripple(measure_blocks(grey, map_, mask))
     except PhaseError as error:
         notes.append(f"steps, brightness and wave shape could not be looked at: {error}")
     findings = [finding for test in TESTS for finding in test(evidence)]
@@ -101,7 +103,7 @@ def diagnose(
         evidence.period,
         evidence.steps,
         evidence.wave,
-        _ripple(evidence.blocks),
+        ripple,
         tuple(notes),
     )
 
