@@ -82,6 +82,15 @@ class LensFit:
 
 
 @dataclass(frozen=True)
+class _Way:
+    """How to solve, as `fit_lens` was asked."""
+
+    use_mrcal: bool
+    radial_terms: int
+    flat_board: bool
+
+
+@dataclass(frozen=True)
 class _Solved:
     lens: Lens
     residuals: tuple[Array, ...]
@@ -91,7 +100,12 @@ class _Solved:
 
 
 def fit_lens(
-    views: Sequence[BoardView], shape: tuple[int, int], *, solver: Solver = "auto", radial_terms: int = 2
+    views: Sequence[BoardView],
+    shape: tuple[int, int],
+    *,
+    solver: Solver = "auto",
+    radial_terms: int = 2,
+    flat_board: bool = False,
 ) -> LensFit:
     """Fit focal length, principal point and distortion to several poses of one board.
 
@@ -105,6 +119,8 @@ def fit_lens(
         ``"mrcal"`` also solves for the board's warp; ``"auto"`` takes it where it is installed, else OpenCV.
     radial_terms
         2, or 3 with k3 free too: beyond the outermost points the third one runs wild.
+    flat_board
+        Take the board as flat with mrcal too; OpenCV always does.
 
     Raises
     ------
@@ -121,8 +137,9 @@ def fit_lens(
     if radial_terms not in (2, 3):
         raise FitError(f"{radial_terms} radial terms asked for; 2 or 3 are possible")
     use_mrcal = mrcal_wall.available() if solver == "auto" else solver == "mrcal"
-    solved = _solve(views, shape, use_mrcal=use_mrcal, radial_terms=radial_terms)
-    halves = _halves(views, shape, use_mrcal=use_mrcal, radial_terms=radial_terms)
+    way = _Way(use_mrcal, radial_terms, flat_board)
+    solved = _solve(views, shape, way)
+    halves = _halves(views, shape, way)
     inflation = 1.0 if halves is None else _inflation(*halves)
     lens = replace(solved.lens, covariance=inflation**2 * solved.lens.covariance)
     _refuse_undetermined(lens.values, lens.covariance)
@@ -161,16 +178,12 @@ def _rms(residuals: Array) -> float:
     return float(np.sqrt(np.mean((residuals**2).sum(axis=1)))) if len(residuals) else 0.0
 
 
-def _halves(
-    views: Sequence[BoardView], shape: tuple[int, int], *, use_mrcal: bool, radial_terms: int
-) -> tuple[Lens, Lens] | None:
+def _halves(views: Sequence[BoardView], shape: tuple[int, int], way: _Way) -> tuple[Lens, Lens] | None:
     """Lenses from the odd and from the even views, or None where they are too few or do not determine one."""
     if len(views) < 2 * MIN_HALF:
         return None
     try:
-        first, second = (
-            _solve(views[k::2], shape, use_mrcal=use_mrcal, radial_terms=radial_terms).lens for k in (0, 1)
-        )
+        first, second = (_solve(views[k::2], shape, way).lens for k in (0, 1))
     except FitError:
         return None
     return first, second
@@ -184,10 +197,10 @@ def _inflation(first: Lens, second: Lens) -> float:
     return float(np.sqrt(max(1.0, ratio)))
 
 
-def _solve(views: Sequence[BoardView], shape: tuple[int, int], *, use_mrcal: bool, radial_terms: int) -> _Solved:
+def _solve(views: Sequence[BoardView], shape: tuple[int, int], way: _Way) -> _Solved:
     """Solve by OpenCV, drop outliers, solve again; on request hand that to mrcal as its start."""
     board, seen = zip(*(_listed(view) for view in views), strict=True)
-    values, turns, shifts = _opencv(board, seen, shape, _first_focal(board, seen, shape), radial_terms)
+    values, turns, shifts = _opencv(board, seen, shape, _first_focal(board, seen, shape), way.radial_terms)
     residuals = _residuals(values, turns, shifts, board, seen)
     limit = OUTLIER_SIGMAS * 1.4826 * np.median(np.abs(np.concatenate(residuals)))
     keep = [np.abs(each).max(axis=1) <= max(limit, 1e-6) for each in residuals]
@@ -196,16 +209,21 @@ def _solve(views: Sequence[BoardView], shape: tuple[int, int], *, use_mrcal: boo
         board = tuple(b[k] for b, k in zip(board, keep, strict=True))
         seen = tuple(s[k] for s, k in zip(seen, keep, strict=True))
         _demand([BoardView(s[None], 1.0) for s in seen])
-        values, turns, shifts = _opencv(board, seen, shape, values, radial_terms)
+        values, turns, shifts = _opencv(board, seen, shape, values, way.radial_terms)
         residuals = _residuals(values, turns, shifts, board, seen)
-    covariance, dof = _covariance((turns, shifts), values, board, residuals, free=radial_terms + 6)
+    covariance, dof = _covariance((turns, shifts), values, board, residuals, free=way.radial_terms + 6)
     _refuse_undetermined(values, covariance)
     lens = Lens(values, covariance, shape[1], shape[0])
-    if not use_mrcal:
+    if not way.use_mrcal:
         return _Solved(lens, residuals, outliers, dof)
     poses = np.hstack([turns, shifts])
     found = mrcal_wall.solve(
-        [view.points_px for view in views], views[0].spacing_mm, values[: 6 + radial_terms], poses, shape
+        [view.points_px for view in views],
+        views[0].spacing_mm,
+        values[: 6 + way.radial_terms],
+        poses,
+        shape,
+        flat_board=way.flat_board,
     )
     _refuse_undetermined(found.values, found.covariance)
     lens = Lens(found.values, found.covariance, shape[1], shape[0])

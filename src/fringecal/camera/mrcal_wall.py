@@ -41,6 +41,8 @@ def solve(
     values: Array,
     poses: Array,
     shape: tuple[int, int],
+    *,
+    flat_board: bool = False,
 ) -> MrcalSolution:
     """Solve for lens, poses and the board's warp, with mrcal's outlier rejection.
 
@@ -56,6 +58,8 @@ def solve(
         Board in the camera's frame to start from: turn (Rodrigues) and shift in mm, (n, 6).
     shape
         Image shape (rows, columns).
+    flat_board
+        Whether the board has no warp.
 
     Raises
     ------
@@ -63,6 +67,8 @@ def solve(
         mrcal is not installed, or the solve failed.
     """
     inputs = _inputs(views, spacing_mm, values, poses, shape)
+    if flat_board:
+        inputs |= {"calobject_warp": None, "do_optimize_calobject_warp": False}
     mrcal = _mrcal()
     try:
         stats = mrcal.optimize(**inputs)

@@ -1,0 +1,127 @@
+"""Camera models as files: mrcal and OpenCV read what is written, theirs are read, nonsense is refused; the rig's use."""
+
+import cv2
+import numpy as np
+import pytest
+
+from fringecal.camera import mrcal_wall
+from fringecal.camera.lens import Lens
+from fringecal.camera.plate import PlateCamera
+from fringecal.camera.plate_fit import fit_plate_camera
+from fringecal.errors import FitError, RecordError
+from fringecal.records.cameramodel import cameramodel_text, parse_lens, read_lens, write_lens
+
+VALUES = np.array([800.0, 801.0, 321.0, 238.0, -0.1, 0.02, 0.001, -0.002, 0.01])
+SIGMAS = np.array([1.5, 1.5, 0.8, 0.8, 2e-3, 4e-3, 1e-4, 1e-4, 1e-3])
+LENS = Lens(VALUES, np.diag(SIGMAS**2) + 0.3 * np.outer(SIGMAS, SIGMAS), 640, 480)
+
+
+@pytest.mark.parametrize("name", ["lens.cameramodel", "lens.yml"])
+def test_written_lens_is_read_back_with_its_covariance(name, tmp_path):
+    found = read_lens(write_lens(tmp_path / name, LENS))
+    # Twelve digits are written.
+    np.testing.assert_allclose(found.values, VALUES, rtol=1e-11)
+    np.testing.assert_allclose(found.covariance, LENS.covariance, rtol=1e-10)
+    assert (found.width_px, found.height_px, found.covariance_known) == (640, 480, True)
+
+
+def test_opencv_reads_our_yaml(tmp_path):
+    storage = cv2.FileStorage(str(write_lens(tmp_path / "lens.yml", LENS)), cv2.FILE_STORAGE_READ)
+    np.testing.assert_allclose(storage.getNode("camera_matrix").mat()[0], [800, 0, 321])
+    np.testing.assert_allclose(storage.getNode("distortion_coefficients").mat().ravel(), VALUES[4:])
+
+
+def test_yaml_of_opencv_is_read(tmp_path):
+    path = tmp_path / "theirs.yml"
+    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    storage.write("image_width", 640)
+    storage.write("image_height", 480)
+    storage.write("camera_matrix", np.array([[800.0, 0, 321], [0, 801, 238], [0, 0, 1]]))
+    storage.write("distortion_coefficients", VALUES[4:][None])
+    storage.release()
+    found = read_lens(path)
+    np.testing.assert_allclose(found.values, VALUES, rtol=1e-12)
+    assert not found.covariance_known
+
+
+@pytest.mark.skipif(not mrcal_wall.available(), reason="mrcal is not installed")
+def test_mrcal_reads_and_projects_as_we_do(tmp_path):
+    import mrcal
+
+    model = mrcal.cameramodel(str(write_lens(tmp_path / "lens.cameramodel", LENS)))
+    rays = np.random.default_rng(0).uniform(-0.3, 0.3, (40, 3)) + [0, 0, 1]
+    np.testing.assert_allclose(mrcal.project(rays, *model.intrinsics()), LENS.project(rays), atol=1e-8)
+
+
+def test_camera_on_the_plate_is_a_lens_too():
+    camera = PlateCamera.from_values({"scale_mm_per_px": 0.5, "height_mm": 900.0, "k1": -0.1}, (480, 640))
+    found = parse_lens(cameramodel_text(camera))
+    assert found["fx_px"] == pytest.approx(1800.0)
+    assert found["cx_px"] == pytest.approx(319.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("", "neither"),
+        ("not a model", "neither"),
+        ("[1, 2]", "no entries"),
+        ("{'lensmodel': 'LENSMODEL_CAHVOR', 'intrinsics': [1], 'imagersize': [4, 3]}", "mrcal-convert-lensmodel"),
+        ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 2], 'imagersize': [4, 3]}", "4 intrinsics, found 2"),
+        ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 1, 2, 2]}", "imagersize"),
+        ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [-1, 1, 2, 2], 'imagersize': [4, 3]}", "not positive"),
+        (
+            "{'lensmodel': 'LENSMODEL_OPENCV8', 'intrinsics': [9, 9, 2, 2, 0, 0, 0, 0, 0, 1, 0, 0], 'imagersize': [4, 3]}",
+            "rational",
+        ),
+        ("camera_matrix: !!opencv-matrix\n rows: 2", "camera_matrix"),
+    ],
+)
+def test_nonsense_is_refused(text, reason):
+    with pytest.raises(RecordError, match=reason):
+        parse_lens(text)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(RecordError, match="none.cameramodel"):
+        read_lens(tmp_path / "none.cameramodel")
+
+
+def plate_crossings(noise_px=0.0, seed=0):
+    """A 10 mm grid seen by LENS, 640 mm above the plate, the camera leaning a little."""
+    values = {"scale_mm_per_px": 0.8, "height_mm": 640.0, "tilt_x_rad": 0.02, "tilt_y_rad": -0.01}
+    values |= {n: LENS[n] for n in ("k1", "k2", "p1", "p2", "k3")} | {"aspect": 800 / 801, "cu_px": 1.5, "cv_px": -1.5}
+    x, y = (c.ravel() for c in np.meshgrid(np.arange(-200, 201, 20.0), np.arange(-150, 151, 20.0)))
+    camera = PlateCamera.from_values(values, (480, 640))
+    pixels = np.column_stack(camera.project(x, y))
+    return np.column_stack([x, y]), pixels + np.random.default_rng(seed).normal(0, noise_px, pixels.shape), camera
+
+
+def test_stated_lens_gives_the_height_that_a_square_on_grid_cannot():
+    points, pixels, truth = plate_crossings()
+    fit = fit_plate_camera(pixels, points, (480, 640), pitch_rel_u=1e-5, lens=LENS)
+    # The tilted grid itself sharpens the focal length; what is stated is met exactly here.
+    assert fit.camera["height_mm"] == pytest.approx(truth["height_mm"], rel=1e-4)
+    assert fit.camera["scale_mm_per_px"] == pytest.approx(0.8, rel=1e-5)
+
+
+def test_uncertainty_of_the_lens_reaches_the_rigs_camera():
+    points, pixels, _ = plate_crossings(noise_px=0.05)
+    exact = Lens(VALUES, np.zeros((9, 9)), 640, 480, covariance_known=False)
+    us = []
+    for lens in (exact, LENS):
+        fit = fit_plate_camera(pixels, points, (480, 640), pitch_rel_u=1e-5, lens=lens)
+        us.append(np.sqrt(fit.camera.covariance[-1, -1]) / fit.camera["height_mm"])
+        causes = sum((np.outer(e, e) for e in fit.causes.values()), np.zeros((12, 12)))
+        assert causes[-1, -1] <= fit.camera.covariance[-1, -1] * (1 + 1e-6)
+    # fx is stated to 1.7 px in 800; scale times focal length is the height.
+    assert us[1] > 5 * us[0]
+    assert us[1] < 1.1 * np.sqrt(LENS.covariance[0, 0]) / 800
+
+
+def test_model_of_another_picture_size_or_kind_is_refused():
+    points, pixels, _ = plate_crossings()
+    with pytest.raises(FitError, match="640 x 480"):
+        fit_plate_camera(pixels, points, (960, 1280), pitch_rel_u=1e-5, lens=LENS)
+    with pytest.raises(FitError, match="telecentric"):
+        fit_plate_camera(pixels, points, (480, 640), pitch_rel_u=1e-5, lens=LENS, telecentric=True)
