@@ -1,4 +1,4 @@
-"""Camera models as files: mrcal and OpenCV read what is written, theirs are read, nonsense is refused; the rig's use."""
+"""Camera models as files: read by mrcal and OpenCV and from them, refused when nonsense, and used by the rig."""
 
 import cv2
 import numpy as np
@@ -71,7 +71,8 @@ def test_camera_on_the_plate_is_a_lens_too():
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 1, 2, 2]}", "imagersize"),
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [-1, 1, 2, 2], 'imagersize': [4, 3]}", "not positive"),
         (
-            "{'lensmodel': 'LENSMODEL_OPENCV8', 'intrinsics': [9, 9, 2, 2, 0, 0, 0, 0, 0, 1, 0, 0], 'imagersize': [4, 3]}",
+            "{'lensmodel': 'LENSMODEL_OPENCV8', 'imagersize': [4, 3], "
+            "'intrinsics': [9, 9, 2, 2, 0, 0, 0, 0, 0, 1, 0, 0]}",
             "rational",
         ),
         ("camera_matrix: !!opencv-matrix\n rows: 2", "camera_matrix"),
@@ -89,7 +90,9 @@ def test_a_missing_file_is_named(tmp_path):
 
 def plate_crossings(noise_px=0.0, seed=0):
     """A 10 mm grid seen by LENS, 640 mm above the plate, the camera leaning a little."""
-    values = {"scale_mm_per_px": 0.8, "height_mm": 640.0, "tilt_x_rad": 0.02, "tilt_y_rad": -0.01}
+    # Height over focal length and scale is the cosine of the lean.
+    height_mm = 640.0 / np.sqrt(1 + np.tan(0.02) ** 2 + np.tan(0.01) ** 2)
+    values = {"scale_mm_per_px": 0.8, "height_mm": height_mm, "tilt_x_rad": 0.02, "tilt_y_rad": -0.01}
     values |= {n: LENS[n] for n in ("k1", "k2", "p1", "p2", "k3")} | {"aspect": 800 / 801, "cu_px": 1.5, "cv_px": -1.5}
     x, y = (c.ravel() for c in np.meshgrid(np.arange(-200, 201, 20.0), np.arange(-150, 151, 20.0)))
     camera = PlateCamera.from_values(values, (480, 640))

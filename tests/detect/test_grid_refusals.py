@@ -66,3 +66,15 @@ def test_dots_are_named():
 def test_unusable_pictures(picture, reason):
     with pytest.raises(DetectionError, match=reason):
         find_grid(picture)
+
+
+def test_grid_seen_at_eighty_degrees():
+    # A pinhole of 800 px, 800 px from the sheet along its axis, which leans by 80 deg; lines 30 px apart.
+    v, u = np.mgrid[-150:150, -200:200] / 800.0
+    c, s = np.cos(np.radians(80)), np.sin(np.radians(80))
+    depth = 800 * c / np.maximum(c + v * s, 0.02)
+    p, q = depth * u / 30, (depth * (v * c - s) + 800 * s) / 30
+    lines = np.minimum(np.abs(p - np.round(p)), np.abs(q - np.round(q))) < 0.06
+    picture = cv2.GaussianBlur(np.where(lines, 60.0, 200.0), (0, 0), 0.8)
+    with pytest.raises(DetectionError, match="no (line )?grid found"):
+        find_grid(picture + np.random.default_rng(5).normal(0, 2, picture.shape))

@@ -1,5 +1,6 @@
 """The grid detector on pictures whose every crossing is known in closed form."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -108,3 +109,34 @@ def test_same_result_from_8_bit_16_bit_and_float(virtual_grid):
 def test_stated_polarity_is_obeyed(virtual_grid):
     picture = virtual_grid(dark=200, light=60).picture()
     assert find_grid(picture, polarity="light").polarity == "light"
+
+
+def test_blur_of_eight_pixels_is_an_honest_smaller_answer(virtual_grid):
+    scene = virtual_grid(pitch_px=40, rotation_deg=5)
+    picture = cv2.GaussianBlur(scene.picture(), (0, 0), 8) + np.random.default_rng(0).normal(0, 1, scene.shape)
+    grid = find_grid(picture)
+    assert_no_slip(scene, grid)
+    error = scene.index_errors(grid)[1]
+    assert grid.profile.blur_px > 4
+    assert (error / grid.sigma_px[:, None]).std() < 2
+    assert np.median(grid.sigma_px) > 0.01  # against 0.003 px in focus
+
+
+def test_half_a_sheet_is_half_a_grid(virtual_grid):
+    scene = virtual_grid(rotation_deg=8)
+    picture = scene.picture(noise=2.0)
+    picture[:, :240] = 90
+    grid = find_grid(picture)
+    assert_no_slip(scene, grid)
+    assert 0.7 * (16 * 10) < len(grid.row) < 16 * 11
+    # Crossings cut by the cover's edge may be off; the others must not be.
+    assert np.median(np.abs(scene.index_errors(grid)[1])) < 0.02
+
+
+@pytest.mark.parametrize(("fine_px", "spacing_px"), [(3, 30), (12, 12)])
+def test_millimetre_paper_gives_the_finest_lines_that_are_seen(fine_px, spacing_px, virtual_grid):
+    heavy = virtual_grid(pitch_px=10 * fine_px, width_px=4, rotation_deg=4)
+    fine = virtual_grid(pitch_px=fine_px, width_px=1.2, rotation_deg=4)
+    ink = 1 - (1 - heavy.coverage()) * (1 - 0.7 * fine.coverage())
+    grid = find_grid(200 - 140 * ink + np.random.default_rng(0).normal(0, 1.5, ink.shape))
+    assert_no_slip(heavy if spacing_px == 10 * fine_px else fine, grid)

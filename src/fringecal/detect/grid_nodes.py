@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from fringecal.errors import DetectionError
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -71,7 +73,10 @@ def along(nodes: FloatArray, family: int) -> FloatArray:
     backward = nodes - _shifted(nodes, axis, -1)
     both = 0.5 * (forward + backward)
     step = np.where(np.isfinite(both), both, np.where(np.isfinite(forward), forward, backward))
-    typical = np.nanmedian(step.reshape(-1, 2), axis=0)
+    known = np.isfinite(step[..., 0])
+    if not known.any():
+        raise DetectionError("no grid found: no two crossings are neighbours on a line")
+    typical = np.median(step[known], axis=0)
     return np.where(np.isfinite(step), step, typical)
 
 
