@@ -8,7 +8,9 @@ import time
 
 import pytest
 
-COMMAND = "from fringecal.cli.app import main; main()"
+# A shell's background job starts its children with SIGINT ignored, and so might whatever runs these tests.
+LISTEN = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+COMMAND = f"{LISTEN}; from fringecal.cli.app import main; main()"
 PATIENCE_S = 120
 
 
