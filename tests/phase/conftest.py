@@ -57,3 +57,10 @@ def kamino_frames(request):
     folder = request.config.rootpath / "tests" / "data" / "kamino_object1"
     frames = _read(folder, [f"pat{k:02d}.png" for k in range(6)])
     return frames.reshape(2, 3, *frames.shape[1:])
+
+
+@pytest.fixture(scope="session")
+def wall_frames(request):
+    """Two real three-step sets of a flat wall with different gamma, (6, H, W)."""
+    folder = request.config.rootpath / "tests" / "data" / "kamino_gamma_plane"
+    return _read(folder, [f"pat{k:02d}.png" for k in range(6)])

@@ -1,12 +1,18 @@
 """Pixels only: schemes, demodulation with noise and mask, unwrapping, and a doctor for the frames."""
 
 from fringecal.phase.corrections import correct_steps, equalise
+from fringecal.phase.counting import count_fields
 from fringecal.phase.demodulate import PhaseMap, Reason, demodulate
 from fringecal.phase.doctor import Diagnosis, diagnose
+from fringecal.phase.fourier import fourier_phase
+from fringecal.phase.gray import decode_gray, unwrap_gray
+from fringecal.phase.guided import unwrap_guided
 from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
+from fringecal.phase.smoothing import smooth_phase
 from fringecal.phase.steps import StepEstimate, estimate_steps
+from fringecal.phase.strips import demodulate_strips
 from fringecal.phase.summary import PhaseSummary, summarise
 from fringecal.phase.symptoms import Finding
 from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
@@ -32,12 +38,16 @@ __all__ = [
     "carrier",
     "correct_gamma",
     "correct_steps",
+    "count_fields",
+    "decode_gray",
     "demodulate",
+    "demodulate_strips",
     "diagnose",
     "equalise",
     "estimate_noise",
     "estimate_steps",
     "estimate_waveform",
+    "fourier_phase",
     "fringe_period",
     "least_squares",
     "noise_from_repeats",
@@ -46,7 +56,10 @@ __all__ = [
     "phase_gradient",
     "quadrant_phase",
     "scheme",
+    "smooth_phase",
     "summarise",
     "unwrap",
+    "unwrap_gray",
+    "unwrap_guided",
     "unwrap_temporal",
 ]

@@ -132,7 +132,7 @@ def demodulate(
     if noise is None:
         noise = _noise_of(grey, scheme, white)
     if min_modulation is None:
-        min_modulation = _least_modulation(grey, scheme)
+        min_modulation = least_modulation(grey, scheme)
     read_sigma = float(noise.read_sigma)
     limits = kernels.Limits(
         np.float32(white),
@@ -176,7 +176,7 @@ def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
     return estimate_noise(grey, scheme, white_level=white_level)
 
 
-def _least_modulation(grey: NDArray, scheme: Scheme) -> float:
+def least_modulation(grey: NDArray, scheme: Scheme) -> float:
     """Return the modulation below which fringes are not believed, from a sparse sample of the picture."""
     sample = grey[:, ::8, ::8].astype(np.float32)
     cosine, sine = np.tensordot(scheme.weights[1:].astype(np.float32), sample, axes=1)

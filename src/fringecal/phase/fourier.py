@@ -73,13 +73,12 @@ def _as_map(
     """Put the complex fringes into a phase map, with its reasons."""
     modulation = np.abs(signal)
     sigma = np.sqrt(2 * power) * noise.sigma(background) / np.maximum(modulation, 1e-12)
-    reasons = np.zeros(signal.shape, np.uint8)
     floor = MIN_MODULATION_SHARE * float(np.percentile(modulation, 95))
-    reasons[(modulation < floor) | (sigma > MAX_SIGMA_RAD)] |= Reason.LOW_MODULATION
+    low = (modulation < floor) | (sigma > MAX_SIGMA_RAD)
     margin = int(np.ceil(period_px))
     inside = np.zeros(signal.shape, bool)
     inside[margin : signal.shape[0] - margin, margin : signal.shape[1] - margin] = True
-    reasons[~inside] |= Reason.OUTSIDE
+    reasons = (np.where(low, Reason.LOW_MODULATION, 0) | np.where(inside, 0, Reason.OUTSIDE)).astype(np.uint8)
     valid = reasons == 0
     phase = np.where(valid, np.angle(signal), np.nan).astype(np.float32)
     phase[phase <= -np.float32(np.pi)] = np.float32(np.pi)

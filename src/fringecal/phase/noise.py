@@ -15,8 +15,8 @@ ROUNDING_SIGMA = float(1 / np.sqrt(12))
 """Standard deviation of rounding to whole grey levels."""
 
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-_MAX_SAMPLE_PIXELS = 400_000
-_BAND_ROWS = 32
+MAX_SAMPLE_PIXELS = 400_000
+BAND_ROWS = 32
 # Where the background is weak, I / A is no longer linear in the noise.
 _LEAST_BACKGROUND = 0.15
 _LEAST_SPREAD = 0.05
@@ -131,8 +131,8 @@ def _sample(frames: NDArray, n_steps: int) -> NDArray:
             "and their noise at least 16 x 16 px"
         )
     height, width = frames.shape[1:]
-    step = int(np.ceil(height * width / _MAX_SAMPLE_PIXELS))
-    rows = np.arange(height) // _BAND_ROWS % step == 0
+    step = int(np.ceil(height * width / MAX_SAMPLE_PIXELS))
+    rows = np.arange(height) // BAND_ROWS % step == 0
     return frames[:, rows]
 
 

@@ -25,7 +25,8 @@ class FringePeriod:
         Length of one fringe across the fringes, px.
     direction_deg
         Direction in which the phase rises, from +u toward +v (down in the picture), in (-180, 180] deg;
-        from one picture alone only known modulo 180 deg, and then in (-90, 90].
+        from one picture alone only known modulo 180 deg, and then in (-45, 135], whose ends are far from the
+        directions that rigs have.
     gradient_rad_px
         The same as a vector: phase per pixel along u and along v, rad/px.
     """
@@ -158,7 +159,8 @@ def carrier(image: ArrayLike) -> FringePeriod:
     right = side[column + 1] if column + 1 < side.size else side[column - 1]
     cycle_u = cycles_u[column] + _parabola(side[abs(column - 1)], side[column], right)
     per_u, per_v = float(cycle_u) / grey.shape[1], float(cycle_v) / grey.shape[0]
-    return _from_gradient(2 * np.pi * per_u, 2 * np.pi * per_v)
+    sign = 1.0 if per_u + per_v > 0 else -1.0
+    return _from_gradient(sign * 2 * np.pi * per_u, sign * 2 * np.pi * per_v)
 
 
 def _parabola(left: float, centre: float, right: float) -> float:

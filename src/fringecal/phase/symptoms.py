@@ -97,13 +97,16 @@ class Evidence:
     reference_period: FringePeriod | None = None
 
 
-def sparse(frames: NDArray, *, dark_level: float = 0.0) -> NDArray[np.float64]:
-    """Return every so many pixels that are lit, grey levels, (N, M)."""
+def sparse(frames: NDArray) -> NDArray[np.float64]:
+    """Return every so many pixels that are lit and finite, grey levels, (N, M)."""
     step = max(1, -(-max(frames.shape[1:]) // _SAMPLES_ALONG))
     sample = frames[:, ::step, ::step].reshape(len(frames), -1).astype(np.float64)
     level = sample.mean(axis=0)
-    lit = np.isfinite(level) & (level > max(dark_level, 0.2 * np.percentile(level[np.isfinite(level)], 95)))
-    return sample[:, lit] if lit.any() else sample
+    finite = np.isfinite(level)
+    if not finite.any():
+        return np.zeros((len(sample), 1))
+    lit = finite & (level > 0.2 * np.percentile(level[finite], 95))
+    return sample[:, lit if lit.any() else finite]
 
 
 def _differences(frames: NDArray) -> dict[tuple[int, int], float]:
@@ -304,7 +307,10 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
             cost,
             "lower the contrast of the printed or displayed fringes; take four steps or more",
         )
-    elif abs(second) > _SIGNIFICANT * wave.u[0] and (abs(second) > LEAST_SECOND_HARMONIC or cost > LEAST_RIPPLE_RAD):
+        return
+    harm = ripple_rms(phase_error(evidence.steps_rad, ratios=[second, of_gamma]))
+    large = abs(second) > LEAST_SECOND_HARMONIC or harm > LEAST_RIPPLE_RAD
+    if large and abs(second) > _SIGNIFICANT * wave.u[0]:
         yield Finding(
             "gamma",
             "projector or camera does not answer in proportion to light",
