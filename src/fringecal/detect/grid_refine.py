@@ -37,6 +37,10 @@ MIN_RELATIVE_CONTRAST = 0.2
 # Sampling leaves about this much even in a picture without noise.
 MIN_SIGMA_PX = 1e-4
 MIN_STUB_CONTRAST = 0.5
+# A slipped index displaces a crossing by a whole spacing; the map of degree 3 follows lenses far better.
+MAX_STRAY = 0.5
+STRAY_ROUNDS = 2
+MIN_MAPPED = 0.7
 MAX_STUB_OFFSET_PX = 0.5
 
 
@@ -81,16 +85,33 @@ def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
     DetectionError
         If fewer than nine crossings are joined by lines.
     """
+    nodes = _without_slips(nodes)
     capture = pencil.blurred(CAPTURE_PART * _spacing(nodes))
     for _ in range(EXTENSION_ROUNDS):
         known = np.isfinite(nodes[..., 0])
         nodes = np.pad(nodes, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
         known = np.pad(known, 1)
-        nodes = _round(capture, predict_missing(nodes), known, tolerance_px=ROUGH_PX).nodes
+        nodes = _without_slips(_round(capture, predict_missing(nodes), known, tolerance_px=ROUGH_PX).nodes)
         if (np.isfinite(nodes[..., 0]) == known).all():
             break
         capture = pencil
     return _trimmed(_round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
+
+
+def _without_slips(nodes: FloatArray) -> FloatArray:
+    """Crossings without those that lie elsewhere than the whole grid says.
+
+    Behind a cover an index may have slipped by one; such an island is left out rather than guessed at.
+    """
+    row, column = np.mgrid[: nodes.shape[0], : nodes.shape[1]]
+    limit = MAX_STRAY * _spacing(nodes)
+    kept = nodes
+    for _ in range(STRAY_ROUNDS):
+        rest = nodes - fit_to_nodes(kept)(row, column)
+        kept = np.where((np.hypot(rest[..., 0], rest[..., 1]) < limit)[..., None], nodes, np.nan)
+        if np.isfinite(kept[..., 0]).sum() < MIN_MAPPED * np.isfinite(nodes[..., 0]).sum():
+            return nodes  # too bent for the map; then it cannot tell
+    return kept
 
 
 def _spacing(nodes: FloatArray) -> float:
