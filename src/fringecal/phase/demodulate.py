@@ -25,6 +25,7 @@ MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
 """A residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
 
 _DARK_SIGMAS = 4.0
+_SAMPLES_ALONG = 160
 
 
 class Reason(IntFlag):
@@ -178,7 +179,7 @@ def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
 
 def least_modulation(grey: NDArray, scheme: Scheme) -> float:
     """Return the modulation below which fringes are not believed, from a sparse sample of the picture."""
-    sample = grey[:, ::8, ::8].astype(np.float32)
+    sample = _sparse(grey).astype(np.float32)
     cosine, sine = np.tensordot(scheme.weights[1:].astype(np.float32), sample, axes=1)
     modulation = np.hypot(cosine, sine)
     finite = modulation[np.isfinite(modulation)]
@@ -187,9 +188,15 @@ def least_modulation(grey: NDArray, scheme: Scheme) -> float:
     return max(floor, MIN_MODULATION_SHARE * typical)
 
 
+def _sparse(grey: NDArray) -> NDArray:
+    """Return every so many rows and columns: some 160 of each."""
+    steps = [max(1, length // _SAMPLES_ALONG) for length in grey.shape[1:]]
+    return grey[:, :: steps[0], :: steps[1]]
+
+
 def _typical_grey(grey: NDArray) -> float:
     """Return the mean grey value of a sparse sample; enough for the level of the residuals' test."""
-    mean = float(np.mean(grey[:, ::8, ::8], dtype=np.float64))
+    mean = float(np.mean(_sparse(grey), dtype=np.float64))
     return mean if np.isfinite(mean) else 0.0
 
 
