@@ -107,3 +107,29 @@ def test_wrong_number_of_steps(lens):
     names = [lens / f"lens_orig_{angle:03d}.jpg" for angle in (0, 90, 180)]
     with pytest.raises(PhaseError, match="one frame per step"):
         run(*names, "--steps", "0,90,180,270")
+
+
+@pytest.fixture(scope="module")
+def wall(request):
+    folder = request.config.rootpath / "tests" / "data" / "kamino_gamma_plane"
+    return [folder / f"pat0{k}.png" for k in range(3)]
+
+
+def test_doctor_names_gamma_and_exits_with_3(wall, tmp_path):
+    found = run(*wall, "--steps=-120,0,120", "--doctor", "--mm-per-rad", "1.5", "--out", tmp_path, "--json")
+    assert found.exit_code == 3
+    (one,) = json.loads(found.stdout)["captures"]
+    (gamma,) = one["findings"]
+    assert gamma["name"] == "gamma"
+    assert gamma["cost_mm"] == pytest.approx(1.5 * gamma["cost_rad"])
+    assert one["ripple_rad"]["3"] > 0.2
+    assert (tmp_path / "pat00-doctor.png").stat().st_size > 10_000
+
+
+def test_doctor_says_what_to_do_and_that_nothing_is_wrong(wall, lens):
+    ill = run(*wall, "--steps=-120,0,120", "--doctor")
+    assert "GAMMA" in ill.stdout
+    assert "correct_gamma()" in ill.stdout
+    well = run(lens, "--doctor")
+    assert well.exit_code == 0
+    assert "the doctor finds nothing wrong" in well.stdout

@@ -8,8 +8,8 @@ from fringecal.phase import diagnose, estimate_waveform
 
 H, W = 200, 260
 V, U = np.mgrid[:H, :W].astype(float)
-VIRTUAL_SETS = 2
-CLEAN_SETS = 20
+VIRTUAL_SETS = 1
+CLEAN_SETS = 12
 
 
 class Bench:

@@ -54,14 +54,14 @@ def test_symmetric_error_makes_the_closed_form_ripple(fringes, camera, rng):
 
 
 def test_uncertainty_holds_in_repeated_simulation(fringes, camera, rng):
-    # 25 repeats, two steps each: rms of error / u within the chi-square limits of 50 draws (0.80..1.20 at
+    # 14 repeats, two steps each: rms of error / u within the chi-square limits of 28 draws (0.74..1.26 at
     # 95 %), widened for what the blocks have in common.
     ratios = []
-    for _ in range(25):
+    for _ in range(14):
         truth = np.array([0, *rng.normal(0, 2, 2)])
         found = estimate_steps(plate(fringes, camera, rng, truth)[:, :240, :320], STATED)
         ratios.extend((found.errors_rad - np.deg2rad(truth))[1:] / found.u_rad[1:])
-    assert 0.75 < np.sqrt(np.mean(np.square(ratios))) < 1.4
+    assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.45
 
 
 def test_a_step_that_changes_over_the_field(fringes, camera, rng):
