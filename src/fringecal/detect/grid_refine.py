@@ -116,7 +116,10 @@ def _without_slips(nodes: FloatArray) -> FloatArray:
 
 def _spacing(nodes: FloatArray) -> float:
     """Smaller one of the two families' median spacings, px."""
-    return min(float(np.median(edges_between(nodes, family).spacing)) for family in (0, 1))
+    spacings = [edges_between(nodes, family).spacing for family in (0, 1)]
+    if min(s.size for s in spacings) == 0:
+        raise DetectionError("no grid found: no two crossings are neighbours on a line")
+    return min(float(np.median(s)) for s in spacings)
 
 
 def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_px: float) -> Refined:
