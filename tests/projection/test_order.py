@@ -6,7 +6,8 @@ import pytest
 from fringecal.camera.plate import PlateCamera
 from fringecal.errors import FitError
 from fringecal.projection.fit import PhasePoints, fit_rig
-from fringecal.projection.order import decide_order, plate_model
+from fringecal.projection.order import decide_order
+from fringecal.projection.plate_model import plate_model
 from fringecal.projection.rig import RigModel, projector_point
 
 SHAPE = (360, 480)

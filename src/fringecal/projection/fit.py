@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import Rays
 from fringecal.errors import FitError
-from fringecal.projection.rig import PlateResidual, RigModel, projector_point
+from fringecal.projection.rig import RigModel, fit_residual, projector_point
 
 Array = NDArray[np.float64]
 
@@ -177,13 +177,8 @@ def _improve(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[ND
 def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
     """Measure the plate's smooth residual afresh from what the seven numbers leave."""
     x, y = plate.rays.ax[good], plate.rays.ay[good]
-    box = (float(x.min()), float(x.max()), float(y.min()), float(y.max()))
-    shape = PlateResidual(degree, np.zeros(1), box)
-    left = plate.phase_rad[good] - model.ratio(x, y, 0.0)
-    design = shape.design(x, y)
-    # Chebyshev terms over their own box are nearly orthogonal: normal equations lose nothing and are quick.
-    coefficients = np.linalg.solve(design.T @ design + 1e-9 * left.size * np.eye(design.shape[1]), design.T @ left)
-    return RigModel(model.parameters, model.projector_mm, PlateResidual(degree, coefficients, box))
+    residual = fit_residual(x, y, plate.phase_rad[good] - model.ratio(x, y, 0.0), degree)
+    return RigModel(model.parameters, model.projector_mm, residual)
 
 
 def _report(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> RigFit:

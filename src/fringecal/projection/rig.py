@@ -71,6 +71,24 @@ class PlateResidual:
         return s, t
 
 
+def fit_residual(x_mm: Array, y_mm: Array, left_rad: Array, degree: int) -> PlateResidual:
+    """Fit the smooth residual to what a rig's ratio leaves at plate points, over the box that they span.
+
+    Parameters
+    ----------
+    x_mm, y_mm, left_rad
+        Plate points and measured minus modelled phase there, shape (n,).
+    degree
+        Total degree of the polynomial.
+    """
+    box = (float(x_mm.min()), float(x_mm.max()), float(y_mm.min()), float(y_mm.max()))
+    design = PlateResidual(degree, np.zeros(1), box).design(x_mm, y_mm)
+    # Chebyshev terms over their own box are nearly orthogonal: normal equations lose nothing and are quick.
+    ridge = 1e-9 * left_rad.size * np.eye(design.shape[1])
+    coefficients = np.linalg.solve(design.T @ design + ridge, design.T @ left_rad)
+    return PlateResidual(degree, coefficients, box)
+
+
 @dataclass(frozen=True)
 class RigModel:
     """Phase in space, and the projector's position by which plate points are lifted.
