@@ -2,32 +2,21 @@
 
 import importlib.util
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.camera.bundle import Bundle
 from fringecal.errors import FitError
 
 Array = NDArray[np.float64]
 
 _MM_PER_M = 1000.0
+_MM_POSE = np.array([1.0, 1.0, 1.0, _MM_PER_M, _MM_PER_M, _MM_PER_M])
 # By the number of lens parameters; the missing one of the first is k3.
 _MODELS = {8: "LENSMODEL_OPENCV4", 9: "LENSMODEL_OPENCV5"}
 _ALL = 9
-
-
-@dataclass(frozen=True)
-class MrcalSolution:
-    """Lens parameters as in `camera.lens.LENS_NAMES`, their covariance, and residuals (n, 2), px, per view."""
-
-    values: Array
-    covariance: Array
-    residuals: tuple[Array, ...]
-    outliers: int
-    dof: int
-    warp_mm: tuple[float, float] | None
 
 
 def available() -> bool:
@@ -43,7 +32,7 @@ def solve(
     shape: tuple[int, int],
     *,
     flat_board: bool = False,
-) -> MrcalSolution:
+) -> Bundle:
     """Solve for lens, poses and the board's warp, with mrcal's outlier rejection.
 
     Parameters
@@ -66,27 +55,26 @@ def solve(
     FitError
         mrcal is not installed, or the solve failed.
     """
-    inputs = _inputs(views, spacing_mm, values, poses, shape)
-    if flat_board:
-        inputs |= {"calobject_warp": None, "do_optimize_calobject_warp": False}
+    inputs = _inputs(views, spacing_mm, values, poses, shape, bowed=not flat_board)
     mrcal = _mrcal()
     try:
         stats = mrcal.optimize(**inputs)
     except Exception as error:
         raise FitError(f"mrcal cannot solve for the lens: {error}") from error
-    observed = inputs["observations_board"]
-    used = observed[..., 2] > 0
+    used = inputs["observations_board"][..., 2] > 0
     rest = -np.reshape(stats["x"][: 2 * used.size], (*used.shape, 2))
     dof = max(1, 2 * int(used.sum()) - len(stats["b_packed"]))
     variance = float((rest[used] ** 2).sum()) / dof
-    warp = inputs["calobject_warp"]
-    return MrcalSolution(
-        np.pad(inputs["intrinsics"][0], (0, _ALL - len(values))),
-        np.pad(_covariance(mrcal, inputs) * variance, (0, _ALL - len(values))),
-        tuple(rest[k][used[k]] for k in range(len(views))),
-        int(np.isfinite([p for v in views for p in v[..., 0].ravel()]).sum() - used.sum()),
-        dof,
+    warp, missing = inputs["calobject_warp"], (0, _ALL - len(values))
+    known = [np.pad(np.isfinite(v).all(axis=-1), _room(v, used.shape[1:])) for v in views]
+    return Bundle(
+        np.pad(inputs["intrinsics"][0], missing),
+        np.pad(_covariance(mrcal, inputs) * variance, missing),
+        inputs["rt_ref_frame"] * _MM_POSE,
         None if warp is None else (float(warp[0] * _MM_PER_M), float(warp[1] * _MM_PER_M)),
+        tuple(each[k] for each, k in zip(rest, known, strict=True)),
+        tuple(each[k] for each, k in zip(used, known, strict=True)),
+        dof,
     )
 
 
@@ -99,23 +87,26 @@ def _mrcal() -> Any:
     return mrcal
 
 
+def _room(view: Array, shape: tuple[int, ...]) -> list[tuple[int, int]]:
+    """What a view's grid lacks beside the largest one, after its last row and column."""
+    return [(0, most - own) for most, own in zip(shape, view.shape[:2], strict=True)]
+
+
 def _inputs(
-    views: Sequence[Array], spacing_mm: float, values: Array, poses: Array, shape: tuple[int, int]
+    views: Sequence[Array], spacing_mm: float, values: Array, poses: Array, shape: tuple[int, int], *, bowed: bool
 ) -> dict[str, Any]:
     """Everything `mrcal.optimize` wants; lengths in metres. Hidden points have a negative weight."""
     rows, columns = (max(view.shape[axis] for view in views) for axis in (0, 1))
     board = np.full((len(views), rows, columns, 3), -1.0)
     for k, view in enumerate(views):
         part = board[k, : view.shape[0], : view.shape[1]]
-        known = np.isfinite(view[..., 0])
+        known = np.isfinite(view).all(axis=-1)
         part[known, :2], part[known, 2] = view[known], 1.0
-    # A warp belongs to one board; views of differently cut grids do not share their points.
-    one_board = len({view.shape for view in views}) == 1
     numbers = np.arange(len(views), dtype=np.int32)
     return {
         "intrinsics": np.ascontiguousarray(values[None], dtype=float),
         "rt_cam_ref": np.zeros((0, 6)),
-        "rt_ref_frame": np.ascontiguousarray(poses / [1, 1, 1, _MM_PER_M, _MM_PER_M, _MM_PER_M]),
+        "rt_ref_frame": np.ascontiguousarray(poses / _MM_POSE),
         "points": None,
         "observations_board": board,
         "indices_frame_camintrinsics_camextrinsics": np.stack(
@@ -126,12 +117,12 @@ def _inputs(
         "lensmodel": _MODELS[len(values)],
         "imagersizes": np.array([[shape[1], shape[0]]], dtype=np.int32),
         "calibration_object_spacing": spacing_mm / _MM_PER_M,
-        "calobject_warp": np.zeros(2) if one_board else None,
+        "calobject_warp": np.zeros(2) if bowed else None,
         "do_optimize_intrinsics_core": True,
         "do_optimize_intrinsics_distortions": True,
         "do_optimize_extrinsics": False,
         "do_optimize_frames": True,
-        "do_optimize_calobject_warp": one_board,
+        "do_optimize_calobject_warp": bowed,
         "do_apply_outlier_rejection": True,
         "do_apply_regularization": False,
         "verbose": False,
