@@ -4,6 +4,7 @@ from fringecal.phase.corrections import correct_steps, equalise
 from fringecal.phase.counting import count_fields
 from fringecal.phase.demodulate import PhaseMap, Reason, demodulate
 from fringecal.phase.doctor import Diagnosis, diagnose
+from fringecal.phase.evidence import Finding
 from fringecal.phase.fourier import fourier_phase
 from fringecal.phase.gray import decode_gray, unwrap_gray
 from fringecal.phase.guided import unwrap_guided
@@ -14,7 +15,6 @@ from fringecal.phase.smoothing import smooth_phase
 from fringecal.phase.steps import StepEstimate, estimate_steps
 from fringecal.phase.strips import demodulate_strips
 from fringecal.phase.summary import PhaseSummary, summarise
-from fringecal.phase.symptoms import Finding
 from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
 from fringecal.phase.unwrap import Unwrapped, unwrap
 from fringecal.phase.waveform import Waveform, correct_gamma, estimate_waveform, phase_error

@@ -8,9 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.phase.blocks import RIPPLE_ORDERS, Block, measure_blocks
 from fringecal.phase.demodulate import PhaseMap, demodulate
+from fringecal.phase.evidence import Evidence, Finding, sparse
 from fringecal.phase.period import FringePeriod, fringe_period
 from fringecal.phase.steps import StepEstimate, steps_and_blocks
-from fringecal.phase.symptoms import TESTS, Evidence, Finding, sparse
+from fringecal.phase.symptoms import TESTS
 from fringecal.phase.waveform import Waveform, waveform_of_blocks
 
 # With such a fault, everything that is measured from the frames' differences is nonsense.
