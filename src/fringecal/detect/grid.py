@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from fringecal.detect.grid_check import choose_coarse, dense, refuse_other_patterns
+from fringecal.detect.grid_check import choose_coarse, refuse_other_patterns
 from fringecal.detect.grid_nodes import edges_between
 from fringecal.detect.grid_refine import Pencil, Refined, present_edges, refine_grid, stub_points
 from fringecal.detect.grid_seeds import coarse_grids
@@ -128,7 +128,7 @@ def find_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") ->
     grey = _as_grey(image)
     signs = {"auto": (-1, 1), "dark": (-1,), "light": (1,)}[polarity]
     coarse = choose_coarse(grey, coarse_grids(grey, signs=signs))
-    nodes = dense(coarse.lattice)
+    nodes = coarse.lattice.nodes()
     profile = _fit_profile(grey, nodes, coarse.sign)
     refuse_other_patterns(grey, nodes, profile, coarse.sign)
     pencil = Pencil(grey, profile, coarse.sign)

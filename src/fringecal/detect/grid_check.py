@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from fringecal.detect.grid_lattice import Lattice
 from fringecal.detect.grid_nodes import Edges, along, edges_between
 from fringecal.detect.grid_seeds import CoarseGrid
 from fringecal.detect.line_profile import LineProfile
@@ -15,7 +14,7 @@ FloatArray = npt.NDArray[np.float64]
 # Part of the lattice's edges along which a line is seen: near 1 for a grid, about 1/2 for false lattices.
 MIN_PRESENT = 0.6
 MIN_RELATIVE_EDGE = 0.2
-MAX_CANDIDATE_EDGES = 400
+MAX_CANDIDATE_EDGES = 200
 MIN_PATTERN = 25
 MAX_RELATIVE_WIDTH = 0.55
 MIN_MIDDLE_CONTRAST = 0.6
@@ -34,12 +33,12 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
     best, best_score = None, 0.0
     most_contrast = float(np.ptp(grey))
     for candidate in candidates:
-        if _whole_cells(dense(candidate.lattice)) * most_contrast <= best_score:
+        if candidate.lattice.whole_cells() * most_contrast <= best_score:
             continue
         present, contrast = _line_evidence(grey, candidate)
         # Contrast and whole cells in the score: extrema within the cells form lattices too, but on faint
         # ghosts of lines; and points half-way along the lines form one of half the spacing without cells.
-        score = present * contrast * _whole_cells(dense(candidate.lattice))
+        score = present * contrast * candidate.lattice.whole_cells()
         if present > MIN_PRESENT and score > best_score:
             best, best_score = candidate, score
     if best is None:
@@ -54,25 +53,12 @@ def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]
     """Say what the largest lattice of extrema might be, if there is a large one."""
     if not candidates or candidates[0].lattice.column.size < MIN_PATTERN:
         return "no regular pattern of crossings"
-    return f"the picture shows {_other_pattern(grey, dense(candidates[0].lattice), candidates[0].sign)}"
-
-
-def dense(lattice: Lattice) -> FloatArray:
-    """Positions (rows, columns, 2) of an indexed lattice, px, NaN where there is none."""
-    nodes = np.full((lattice.row.max() + 1, lattice.column.max() + 1, 2), np.nan)
-    nodes[lattice.row, lattice.column] = np.stack([lattice.u_px, lattice.v_px], axis=1)
-    return nodes
-
-
-def _whole_cells(nodes: FloatArray) -> int:
-    """Count the cells with all four corners known."""
-    known = np.isfinite(nodes[..., 0])
-    return int((known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]).sum())
+    return f"the picture shows {_other_pattern(grey, candidates[0].lattice.nodes(), candidates[0].sign)}"
 
 
 def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[float, float]:
     """Part of the edges with a line all along their middle, and its median contrast: the weaker family's."""
-    nodes = dense(candidate.lattice)
+    nodes = candidate.lattice.nodes()
     full = candidate.sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
     present, typical = 1.0, np.inf
     for family in (0, 1):

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from fringecal.detect.grid_map import Deviations, SmoothMap, robust_sd
 from fringecal.detect.line_points import LineStatus
@@ -62,29 +63,46 @@ def fit_local_lines(
     seen, sigma_px, usable
         Deviations of the points, their standard uncertainty and which of them may be used, (n,).
     """
-    edge = np.floor(seen.place).astype(int)
-    crowded = np.ones(shape, dtype=bool)
-    for offset in (0, 1):
-        at, ok = _site(seen.line, edge + offset, family, shape)
-        crowded &= _counted(shape, at, ok & usable) >= ENOUGH_POINTS
-    sums = np.zeros((shape[0] * shape[1], 8))
-    count = np.zeros(shape, dtype=int)
-    for offset in (-1, 0, 1, 2):
-        at, ok = _site(seen.line, edge + offset, family, shape)
-        use = ok & usable & ((offset in (0, 1)) | ~crowded[at])
-        count += _counted(shape, at, use)
-        t, s = (seen.place - edge - offset)[use], seen.offset_px[use]
-        weight = 1 / np.maximum(sigma_px[use], 1e-4) ** 2
-        terms = [weight * t**k for k in range(5)] + [weight * s * t**k for k in range(3)]
-        flat = (at[0] * shape[1] + at[1])[use]
-        sums += np.stack([np.bincount(flat, term, len(sums)) for term in terms], axis=1)
-    return _solve_parabolas(sums.reshape(*shape, 8), count)
+    line, place = seen.line[usable], seen.place[usable]
+    row, column = (line, np.floor(place)) if family == 0 else (np.floor(place), line)
+    sites = np.stack([row, column], axis=1).astype(np.int64)
+    part = place - np.floor(place)
+    weight = 1 / np.maximum(sigma_px[usable], 1e-4) ** 2
+    sums, count = _moments(shape, 1 - family, sites, part, seen.offset_px[usable], weight)
+    return _solve_parabolas(sums, count)
 
 
-def _counted(shape: tuple[int, int], at: tuple[IntArray, IntArray], use: BoolArray) -> IntArray:
-    """How many of the chosen points fall on every site."""
-    flat = (at[0] * shape[1] + at[1])[use]
-    return np.bincount(flat, minlength=shape[0] * shape[1]).reshape(shape)
+@njit(cache=True)
+def _moments(shape, axis, sites, part, offset, weight):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Weighted sums of t^0..t^4 and s t^0..t^2 at every node, and the number of points in them.
+
+    A point counts at the two nodes of its edge, and at the next ones where their own edges hold few points.
+    """
+    rows, columns = shape
+    near = np.zeros((rows, columns, 2), np.int64)
+    sums = np.zeros((rows, columns, 8))
+    count = np.zeros((rows, columns), np.int64)
+    ways = (1 - axis, axis)
+    for n in range(len(part)):
+        for step in (0, 1):
+            i, j = sites[n, 0] + step * ways[0], sites[n, 1] + step * ways[1]
+            if 0 <= i < rows and 0 <= j < columns:
+                near[i, j, step] += 1
+    for n in range(len(part)):
+        for step in (-1, 0, 1, 2):
+            i, j = sites[n, 0] + step * ways[0], sites[n, 1] + step * ways[1]
+            if not (0 <= i < rows and 0 <= j < columns):
+                continue
+            if step in (-1, 2) and near[i, j].min() >= ENOUGH_POINTS:
+                continue
+            count[i, j] += 1
+            t, power = part[n] - step, weight[n]
+            for k in range(5):
+                sums[i, j, k] += power
+                if k < 3:
+                    sums[i, j, 5 + k] += power * offset[n]
+                power *= t
+    return sums, count
 
 
 def _site(

@@ -17,12 +17,12 @@ MATCH_RADIUS = 0.25
 SEED_TOLERANCE = 0.12
 NEIGHBOURS = 12
 # Seeds are sought among this many points, spread evenly over all: noise gives a fine level 1e5 of them.
-MAX_SEED_POINTS = 3000
+MAX_SEED_POINTS = 400
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """Indexed points: column and row numbers (any origin) and positions in px, all of length n."""
+    """Indexed points: column and row numbers from 0 and positions in px, all of length n."""
 
     column: IntArray
     row: IntArray
@@ -33,6 +33,17 @@ class Lattice:
         """Move from level pixels, each the mean of `factor` x `factor` pixels, to full resolution."""
         shift = 0.5 * (factor - 1)
         return Lattice(self.column, self.row, self.u_px * factor + shift, self.v_px * factor + shift)
+
+    def nodes(self) -> FloatArray:
+        """Positions (rows, columns, 2), px, NaN where there is none; both indices from 0."""
+        nodes = np.full((self.row.max() + 1, self.column.max() + 1, 2), np.nan)
+        nodes[self.row, self.column] = np.stack([self.u_px, self.v_px], axis=1)
+        return nodes
+
+    def whole_cells(self) -> int:
+        """Count the cells with all four corners known."""
+        known = np.isfinite(self.nodes()[..., 0])
+        return int((known[1:, 1:] & known[1:, :-1] & known[:-1, 1:] & known[:-1, :-1]).sum())
 
 
 def grow_lattice(points: FloatArray, *, tries: int) -> Lattice | None:

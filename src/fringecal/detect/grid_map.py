@@ -25,7 +25,6 @@ MAX_COARSE_DEGREE = 3
 OBSERVATIONS_PER_COEFFICIENT = 3
 NEGLIGIBLE_PX = 1e-3
 RIDGE = 1e-13
-STEP_INDEX = 1e-4
 # The map only has to be near; the parabolas use all points.
 MAX_POINTS = 1_500
 REJECT_SIGMAS = 5.0
@@ -45,13 +44,20 @@ class SmoothMap:
 
     def __call__(self, row: IndexArray, column: IndexArray) -> FloatArray:
         """Position (..., 2), px, of fractional indices."""
-        y, x = self._unit(row, column)
-        return np.stack([legendre.legval2d(y, x, c) for c in self.coefficients], axis=-1)
+        return self._values(row, column, self.coefficients)
 
     def step(self, row: IndexArray, column: IndexArray, family: int) -> FloatArray:
         """Return the derivative (..., 2), px per index, along a family's lines (0 horizontal, 1 vertical)."""
-        dr, dc = (0.0, STEP_INDEX) if family == 0 else (STEP_INDEX, 0.0)
-        return (self(row + dr, column + dc) - self(row - dr, column - dc)) / (2 * STEP_INDEX)
+        axis = 1 - family
+        slope = legendre.legder(self.coefficients, axis=axis + 1) / self.half[axis]
+        return self._values(row, column, slope)
+
+    def _values(self, row: IndexArray, column: IndexArray, coefficients: FloatArray) -> FloatArray:
+        """Both components (..., 2) of sum c_ij P_i P_j."""
+        y, x = self._unit(row, column)
+        rows = legendre.legvander(y, coefficients.shape[1] - 1)
+        columns = legendre.legvander(x, coefficients.shape[2] - 1)
+        return np.stack([((rows @ c) * columns).sum(axis=-1) for c in coefficients], axis=-1)
 
     def basis(self, row: IndexArray, column: IndexArray, degree: int) -> FloatArray:
         """Values (n, terms) at the indices of the products of Legendre polynomials up to a total degree."""

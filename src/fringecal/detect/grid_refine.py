@@ -14,7 +14,14 @@ from fringecal.detect.grid_crossings import (
 )
 from fringecal.detect.grid_map import SmoothMap, deviations, fit_to_nodes, fit_to_points, robust_sd
 from fringecal.detect.grid_nodes import Edges, edges_between, predict_missing, stubs
-from fringecal.detect.line_points import MAX_PATCHES, LinePoints, LineStatus, cut_patches, measure_points
+from fringecal.detect.line_points import (
+    MAX_PATCHES,
+    PATCH_LENGTH_PX,
+    LinePoints,
+    LineStatus,
+    cut_patches,
+    measure_points,
+)
 from fringecal.detect.line_profile import LineProfile
 from fringecal.errors import DetectionError
 
@@ -149,8 +156,8 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
 
 def _measured(pencil: Pencil, edges: Edges, tolerance_px: float) -> LinePoints:
     """Points on all edges of a family."""
-    most = MAX_PATCHES if tolerance_px < ROUGH_PX else ROUGH_PATCHES
-    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile, most=most)
+    most, longest_px = (ROUGH_PATCHES, PATCH_LENGTH_PX) if tolerance_px >= ROUGH_PX else (MAX_PATCHES, np.inf)
+    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile, most=most, longest_px=longest_px)
     return _drop_faint(measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px))
 
 

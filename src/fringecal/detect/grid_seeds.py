@@ -22,6 +22,11 @@ MIN_PROMINENCE = 0.4
 # Rounding leaves ripples of this size on flat paper; they are no extrema.
 MIN_RELATIVE_BAND = 1e-3
 MAX_SEED_TRIES = 12
+# A lattice of so many of a level's extrema is a grid or another regular pattern; finer ones lie within it.
+SETTLED_PART = 0.4
+WINDOW_PX = 384
+LARGEST_SPACING_PX = 12.0
+WINDOW_PART = 0.3
 
 
 @dataclass(frozen=True)
@@ -42,13 +47,33 @@ def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> l
     signs
         Polarities to try: -1 for dark lines, +1 for light ones.
     """
-    found = [
-        CoarseGrid(lattice.scaled(factor), sign)
-        for level, factor in _pyramid(image)
-        for sign, points in _extrema(level, signs)
-        if (lattice := _level_lattice(points)) is not None
-    ]
+    found: list[CoarseGrid] = []
+    settled: FloatArray | None = None
+    for level, factor in reversed(list(_pyramid(image))):
+        if settled is not None and not _fine_lattice_near(level, settled / factor, signs):
+            continue
+        for sign, points in _extrema(level, signs):
+            lattice = _level_lattice(points)
+            if lattice is not None:
+                found.append(CoarseGrid(lattice.scaled(factor), sign))
+                if lattice.column.size > SETTLED_PART * len(points):
+                    settled = factor * np.median([lattice.u_px, lattice.v_px], axis=1)
     return sorted(found, key=lambda grid: -grid.lattice.column.size)
+
+
+def _fine_lattice_near(level: npt.NDArray[np.float32], middle_px: FloatArray, signs: tuple[int, ...]) -> bool:
+    """Whether a window of the level, in the middle of the grid found on coarser ones, is full of a lattice.
+
+    A level's own lines are 6 to 12 of its pixels apart. Where the window shows fewer cells, the whole level
+    would only repeat what is known.
+    """
+    if level.size <= 2 * WINDOW_PX**2:
+        return True  # looking everywhere costs no more
+    u, v = (int(max(0, x - WINDOW_PX / 2)) for x in middle_px)
+    window = level[v : v + WINDOW_PX, u : u + WINDOW_PX]
+    lattices = [_level_lattice(points) for _, points in _extrema(window, signs)]
+    most = max((lattice.whole_cells() for lattice in lattices if lattice is not None), default=0)
+    return most > WINDOW_PART * window.size / LARGEST_SPACING_PX**2
 
 
 def _pyramid(image: npt.NDArray[np.float32]) -> Iterator[tuple[npt.NDArray[np.float32], int]]:

@@ -58,8 +58,8 @@ def cut_patches(
     spacing: FloatArray,
     profile: LineProfile,
     *,
-    clear_end: bool = True,
     most: int = MAX_PATCHES,
+    longest_px: float = np.inf,
 ) -> Patches:
     """Divide edges into patches that keep clear of the crossing lines at their ends.
 
@@ -71,15 +71,15 @@ def cut_patches(
         Distance to the neighbouring lines of the same family, px, (n,).
     profile
         Cross-section of the lines.
-    clear_end
-        Whether a crossing line lies at `end` too (not so for a stub that leaves the grid).
     most
         Number of patches on the longest edges.
+    longest_px
+        Length of the longest patches; where they are shorter than the edge's share, pixels are left out.
     """
     along = end - start
     length = np.hypot(along[:, 0], along[:, 1])
     margin = np.minimum(profile.reach_px + 0.7, 0.4 * length)
-    free = length - margin * (2 if clear_end else 1)
+    free = length - 2 * margin
     count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, most).astype(int)
     edge = np.repeat(np.arange(len(start)), count)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
@@ -89,7 +89,7 @@ def cut_patches(
     return Patches(
         start[edge] + t[:, None] * along[edge],
         (along / length[:, None])[edge],
-        0.5 * free[edge] / count[edge],
+        0.5 * np.minimum(free[edge] / count[edge], longest_px),
         half_width[edge],
         edge,
     )
@@ -124,7 +124,7 @@ def measure_points(
     for b0, b1, b2, A and c by Gauss-Newton steps, the window moving with c. L is symmetric, so a wrong
     width or blur cannot shift c, and the free background slope keeps shading from doing so.
     """
-    table = profile.table(float(patches.half_width.max(initial=1.0)) + 2.0)
+    table = np.ascontiguousarray(profile.table(float(patches.half_width.max(initial=1.0)) + 2.0).T)
     measured = _measure(
         image,
         patches.centre,
@@ -156,43 +156,56 @@ def _clip01(x):  # type: ignore[no-untyped-def] # pragma: no cover
     return min(max(x, 0.0), 1.0)
 
 
+@njit(cache=True, inline="always")
+def _span(low, high, offset, step, limit):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Narrow (low, high) to the x with abs(offset + x step) < limit."""
+    if abs(step) < 1e-12:
+        return (low, high) if abs(offset) < limit else (1.0, 0.0)
+    one, other = (-limit - offset) / step, (limit - offset) / step
+    return max(low, min(one, other)), min(high, max(one, other))
+
+
 @njit(cache=True)
-def _accumulate(image, frame, half, template, normal, right):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Sum the normal equations of one patch; returns (sum of weights, weighted sum of squares)."""
+def _accumulate(image, frame, half, table, normal, right):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Sum the normal equations of one patch; returns (sum of weights, weighted sum of squares).
+
+    Each sum is a variable of its own: in registers, they cost a quarter of sums in an array.
+    """
     cx, cy, dx, dy = frame
-    half_length, half_width = half
-    table = template
-    reach_u = abs(dx) * (half_length + 0.5) + abs(dy) * (half_width + 0.5)
-    reach_v = abs(dy) * (half_length + 0.5) + abs(dx) * (half_width + 0.5)
-    basis = np.empty(5)
-    normal[:] = 0.0
-    right[:] = 0.0
-    weights, squares = 0.0, 0.0
+    length, width = half[0] + 0.5, half[1] + 0.5
+    reach_u, reach_v = abs(dx) * length + abs(dy) * width, abs(dy) * length + abs(dx) * width
+    n11 = nh1 = nhh = nd1 = ndh = ndd = nt1 = nth = ntd = ntt = ns1 = nsh = nsd = nst = nss = 0.0
+    r1 = rh = rd = rt = rs = squares = 0.0
     for row in range(int(np.ceil(cy - reach_v)), int(np.floor(cy + reach_v)) + 1):
-        for column in range(int(np.ceil(cx - reach_u)), int(np.floor(cx + reach_u)) + 1):
-            t = (column - cx) * dx + (row - cy) * dy
-            s = (row - cy) * dx - (column - cx) * dy
-            w = _clip01(half_length + 0.5 - abs(t)) * _clip01(half_width + 0.5 - abs(s))
-            if w <= 0.0:
-                continue
+        y = row - cy
+        low, high = _span(-reach_u, reach_u, y * dy, dx, length)
+        low, high = _span(low, high, y * dx, -dy, width)
+        for column in range(int(np.ceil(cx + low)), int(np.floor(cx + high)) + 1):
+            x = column - cx
+            t, s = x * dx + y * dy, y * dx - x * dy
+            w = _clip01(length - abs(t)) * _clip01(width - abs(s))
             place = abs(s) / TABLE_STEP_PX
             k = int(place)
             part = place - k
-            height = table[0, k] + part * (table[0, k + 1] - table[0, k])
-            slope = table[1, k] + part * (table[1, k + 1] - table[1, k])
-            basis[0], basis[1], basis[2], basis[3] = 1.0, height, slope if s >= 0 else -slope, t
-            basis[4] = s
+            h = table[k, 0] + part * (table[k + 1, 0] - table[k, 0])
+            d = table[k, 1] + part * (table[k + 1, 1] - table[k, 1])
+            d = d if s >= 0 else -d
             value = image[row, column]
-            weights += w
-            squares += w * value * value
-            for a in range(5):
-                right[a] += w * basis[a] * value
-                for b in range(a + 1):
-                    normal[a, b] += w * basis[a] * basis[b]
+            wh, wd, wt, ws, wv = w * h, w * d, w * t, w * s, w * value
+            n11, nh1, nd1, nt1, ns1, r1 = n11 + w, nh1 + wh, nd1 + wd, nt1 + wt, ns1 + ws, r1 + wv
+            nhh, ndh, nth, nsh, rh = nhh + wh * h, ndh + wh * d, nth + wh * t, nsh + wh * s, rh + wh * value
+            ndd, ntd, nsd, rd = ndd + wd * d, ntd + wd * t, nsd + wd * s, rd + wd * value
+            ntt, nst, rt = ntt + wt * t, nst + wt * s, rt + wt * value
+            nss, rs, squares = nss + ws * s, rs + ws * value, squares + wv * value
+    normal[0, 0], normal[1, 0], normal[2, 0], normal[3, 0], normal[4, 0] = n11, nh1, nd1, nt1, ns1
+    normal[1, 1], normal[2, 1], normal[3, 1], normal[4, 1] = nhh, ndh, nth, nsh
+    normal[2, 2], normal[3, 2], normal[4, 2] = ndd, ntd, nsd
+    normal[3, 3], normal[4, 3], normal[4, 4] = ntt, nst, nss
+    right[0], right[1], right[2], right[3], right[4] = r1, rh, rd, rt, rs
     for a in range(5):
         for b in range(a):
             normal[b, a] = normal[a, b]
-    return weights, squares
+    return n11, squares
 
 
 @njit(cache=True)

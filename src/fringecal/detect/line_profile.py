@@ -11,8 +11,8 @@ FloatArray = npt.NDArray[np.float64]
 
 TABLE_STEP_PX = 1 / 32
 SAMPLE_STEP_PX = 0.25
-MAX_EDGES = 200
-MAX_STEPS = 10
+MAX_EDGES = 120
+MAX_STEPS = 6
 # Part of an edge between crossings that is averaged for the mean profile: clear of the crossing lines.
 CLEAR_PART = (0.3, 0.7)
 
