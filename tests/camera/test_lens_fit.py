@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from fringecal.camera import mrcal_wall
 from fringecal.camera.lens import LENS_NAMES, Lens
-from fringecal.camera.lens_fit import BoardView, fit_lens
+from fringecal.camera.lens_fit import fit_lens
+from fringecal.camera.lens_solve import BoardView
 from fringecal.camera.lens_uncertainty import projection_difference_px, projection_uncertainty_px
 from fringecal.detect.boards import find_chessboard
 from fringecal.errors import FitError

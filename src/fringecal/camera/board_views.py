@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.camera.lens_fit import BoardView
+from fringecal.camera.lens_solve import BoardView
 from fringecal.detect.boards import find_charuco, find_chessboard, find_dots
 from fringecal.detect.grid import find_grid
 from fringecal.errors import TargetError

@@ -18,7 +18,8 @@ MIN_CONDITION = 1e-9
 #: Points farther out than this many robust standard deviations are wrong corners, not noise.
 OUTLIER_SIGMAS = 5.0
 _LEAST_LIMIT_PX = 1e-6  # drawn corners have no scatter, but rounding
-_ROUNDS = 4
+_LEAST_KEPT = 4  # fix a pose
+_ROUNDS = 8
 _STEPS = 40
 _CONVERGED = 1e-13  # relative change of the sum of squares
 _POSE = 6
@@ -136,21 +137,23 @@ def solve_bundle(
     for _ in range(_ROUNDS):
         kept = [each.kept(k) for each, k in zip(points, used, strict=True)]
         state = _minimise(kept, state, free)
-        residuals = tuple(_residual(state, k, each) for k, each in enumerate(points))
-        better = _not_wrong(residuals)
+        better = _not_wrong([_residual(state, k, each) for k, each in enumerate(points)])
         if all(np.array_equal(a, b) for a, b in zip(used, better, strict=True)):
             break
         used = better
     kept = [each.kept(k) for each, k in zip(points, used, strict=True)]
+    state = _minimise(kept, state, free)
+    residuals = tuple(_residual(state, k, each) for k, each in enumerate(points))
     covariance, dof = _covariance(_reduced(kept, state, free), free, kept)
     warp = (float(state.warp[0]), float(state.warp[1])) if bowed else None
     return Bundle(state.values, covariance, state.poses, warp, residuals, tuple(used), dof)
 
 
 def _not_wrong(residuals: Sequence[Array]) -> list[NDArray[np.bool_]]:
-    """Points whose residual is no larger than the scatter of most explains."""
+    """Points whose residual is no larger than the scatter of most explains, and of each view the best few."""
     limit = max(OUTLIER_SIGMAS * 1.4826 * float(np.median(np.abs(np.concatenate(residuals)))), _LEAST_LIMIT_PX)
-    return [np.abs(each).max(axis=1) <= limit for each in residuals]
+    sizes = [np.abs(each).max(axis=1) for each in residuals]
+    return [size <= max(limit, float(np.sort(size)[:_LEAST_KEPT][-1])) for size in sizes]
 
 
 @dataclass(frozen=True)

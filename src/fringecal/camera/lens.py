@@ -75,10 +75,15 @@ class Lens:
         ideal[~(missed < _UNPROJECTED_PX)] = np.nan
         return np.column_stack([ideal, np.ones(len(ideal))])
 
+    @property
+    def map_shape(self) -> tuple[int, int]:
+        """Rows and columns of `pixels`."""
+        return max(2, round(_MAP_POINTS * self.height_px / self.width_px)), _MAP_POINTS
+
     def pixels(self) -> Array:
-        """Pixels (n, 2) spread evenly over the picture."""
-        u = np.linspace(0, self.width_px - 1, _MAP_POINTS)
-        v = np.linspace(0, self.height_px - 1, round(_MAP_POINTS * self.height_px / self.width_px))
+        """Pixels (n, 2) spread evenly over the picture, row by row as `map_shape` says."""
+        rows, columns = self.map_shape
+        u, v = np.linspace(0, self.width_px - 1, columns), np.linspace(0, self.height_px - 1, rows)
         return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
 
 

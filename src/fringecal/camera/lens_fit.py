@@ -1,21 +1,31 @@
 """The full lens from several poses of a board: the solve, its cross-validation, and what is refused."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera import mrcal_wall
-from fringecal.camera.bundle import BoardPoints, Bundle, board_points, camera_matrix, placed, solve_bundle, undetermined
 from fringecal.camera.lens import Lens
+from fringecal.camera.lens_solve import (
+    BoardView,
+    Model,
+    SolvedLens,
+    ViewFit,
+    Way,
+    refuse_undetermined,
+    rms_px,
+    solve_lens,
+)
 from fringecal.camera.lens_uncertainty import (
     projection_covariance_px,
     projection_difference_px,
     projection_uncertainty_px,
 )
+from fringecal.camera.rich_lens import RichLens
 from fringecal.errors import FitError
 
 Array = NDArray[np.float64]
@@ -23,54 +33,8 @@ Solver = Literal["auto", "mrcal", "opencv"]
 
 MIN_VIEWS = 3
 MIN_POINTS = 8
-#: A focal length known worse than this was not determined by the views.
-MAX_FOCAL_REL_U = 0.02
 #: Halves of the views are solved apart when each has this many.
 MIN_HALF = 4
-
-
-@dataclass(frozen=True)
-class BoardView:
-    """One picture of a board: its points (rows, columns, 2), px, NaN where hidden, and their spacing in mm."""
-
-    points_px: Array
-    spacing_mm: float
-
-
-@dataclass(frozen=True)
-class ViewFit:
-    """What the fit says of one picture of the board.
-
-    Parameters
-    ----------
-    seen_px, residual_px
-        Points that were used, and seen minus modelled, (n, 2).
-    points_mm
-        The same points in the camera's frame (n, 3): x right, y down, z forward.
-    left_out_px
-        Points taken for wrong corners (m, 2).
-    """
-
-    seen_px: Array
-    residual_px: Array
-    points_mm: Array
-    left_out_px: Array
-
-    @property
-    def rms_px(self) -> float:
-        """Root mean square distance of seen from modelled points."""
-        return _rms(self.residual_px)
-
-    @property
-    def distance_mm(self) -> float:
-        """Distance of the board's middle from the camera's centre."""
-        return float(np.linalg.norm(self.points_mm.mean(axis=0)))
-
-    @property
-    def tilt_deg(self) -> float:
-        """Angle of the board's normal to the optical axis."""
-        normal = np.linalg.svd(self.points_mm - self.points_mm.mean(axis=0))[2][2]
-        return float(np.degrees(np.arccos(min(1.0, abs(normal[2])))))
 
 
 @dataclass(frozen=True)
@@ -84,7 +48,7 @@ class LensFit:
     solver
         ``"mrcal"`` or ``"opencv"``.
     views
-        Points, residuals and poses by picture.
+        Points, residuals and poses of the views that were used, in their order.
     dof
         Degrees of freedom.
     board_warp_mm
@@ -94,7 +58,14 @@ class LensFit:
         fewer than four views in a half.
     inflation
         Factor on the lens's standard uncertainties: the halves differ by so much more than the scatter of
-        the points explains (a bent board, blur, a lens with more terms); 1 if they do not.
+        the points explains (a bent board, blur, a lens with more terms); 1 if they do not. It also holds
+        what Brown's lens leaves of a richer one.
+    rich
+        The lens with more terms, if one was asked for.
+    left_px
+        Distance between it and Brown's lens at the boards' points, px, (n,).
+    dropped
+        Numbers of the views that were left out: most of their points disagree with one board and one lens.
     """
 
     lens: Lens
@@ -104,11 +75,14 @@ class LensFit:
     board_warp_mm: tuple[float, float] | None
     halves_px: Array | None
     inflation: float
+    rich: RichLens | None = None
+    left_px: Array | None = None
+    dropped: tuple[int, ...] = ()
 
     @property
     def rms_px(self) -> float:
         """Root mean square distance of seen from modelled points."""
-        return _rms(np.concatenate([view.residual_px for view in self.views]))
+        return rms_px(np.concatenate([view.residual_px for view in self.views]))
 
     @property
     def points(self) -> int:
@@ -136,27 +110,12 @@ class LensFit:
         return projection_uncertainty_px(self.lens, pixels, anchor_mm=anchor, distance_mm=distance_mm)
 
 
-@dataclass(frozen=True)
-class _Way:
-    """How to solve, as `fit_lens` was asked."""
-
-    use_mrcal: bool
-    radial_terms: int
-    flat_board: bool
-
-
-@dataclass(frozen=True)
-class _Solved:
-    lens: Lens
-    views: tuple[ViewFit, ...]
-    bundle: Bundle
-
-
 def fit_lens(
     views: Sequence[BoardView],
     shape: tuple[int, int],
     *,
     solver: Solver = "auto",
+    model: Model = "brown",
     radial_terms: int = 2,
     flat_board: bool = False,
 ) -> LensFit:
@@ -170,8 +129,11 @@ def fit_lens(
         Image shape (rows, columns).
     solver
         ``"auto"`` takes mrcal where it is installed, else the bundle started by OpenCV.
+    model
+        ``"brown"``; or ``"opencv8"`` (rational terms) or ``"splined"``, both by mrcal: the lens is then Brown's
+        that follows it best where the boards were, with what is left between them in its uncertainty.
     radial_terms
-        2, or 3 with k3 free too: beyond the outermost points the third one runs wild.
+        Of Brown's lens: 2, or 3 with k3 free too: beyond the outermost points the third one runs wild.
     flat_board
         Take the board as flat. Otherwise its bow is solved for, where all views show all of one board.
 
@@ -189,15 +151,17 @@ def fit_lens(
     _demand(views)
     if radial_terms not in (2, 3):
         raise FitError(f"{radial_terms} radial terms asked for; 2 or 3 are possible")
+    if model != "brown" and (solver == "opencv" or not mrcal_wall.available()):
+        raise FitError(f"the model {model} is solved by mrcal alone; install fringecal[mrcal], or fit Brown's lens")
     use_mrcal = mrcal_wall.available() if solver == "auto" else solver == "mrcal"
     # A bow belongs to one board; views of differently cut grids do not share their points.
     one_board = len({view.points_px.shape for view in views}) == 1
-    way = _Way(use_mrcal, radial_terms, flat_board or not one_board)
-    solved = _solve(views, shape, way)
-    halves = _halves(views, shape, way)
-    inflation = 1.0 if halves is None else _inflation(*halves)
+    way = Way(use_mrcal, model, radial_terms, flat_board or not one_board)
+    solved, dropped = _without_strangers(views, shape, way)
+    halves = _halves([view for k, view in enumerate(views) if k not in dropped], shape, way)
+    inflation = math.hypot(1.0 if halves is None else _inflation(*halves), _left_over(solved))
     lens = replace(solved.lens, covariance=inflation**2 * solved.lens.covariance)
-    _refuse_undetermined(lens.values, lens.covariance)
+    refuse_undetermined(lens.values, lens.covariance)
     return LensFit(
         lens,
         "mrcal" if use_mrcal else "opencv",
@@ -206,6 +170,9 @@ def fit_lens(
         solved.bundle.warp_mm,
         None if halves is None else projection_difference_px(*halves),
         inflation,
+        solved.rich,
+        solved.left_px,
+        dropped,
     )
 
 
@@ -224,16 +191,29 @@ def _demand(views: Sequence[BoardView]) -> None:
             raise FitError(f"view {k} holds {count} points of the board; {MIN_POINTS} are needed")
 
 
-def _rms(residuals: Array) -> float:
-    return float(np.sqrt(np.mean((residuals**2).sum(axis=1)))) if len(residuals) else 0.0
+def _without_strangers(
+    views: Sequence[BoardView], shape: tuple[int, int], way: Way
+) -> tuple[SolvedLens, tuple[int, ...]]:
+    """Solve, leave out the views of which less than half agrees with the rest, and solve again."""
+    solved = solve_lens(views, shape, way)
+    dropped = tuple(k for k, view in enumerate(solved.views) if len(view.seen_px) < max(MIN_POINTS, view.shown / 2))
+    if not dropped:
+        return solved, ()
+    rest = [view for k, view in enumerate(views) if k not in dropped]
+    if len(rest) < MIN_VIEWS:
+        raise FitError(
+            f"{len(dropped)} of {len(views)} views disagree with the others about the lens; check that all show one "
+            "board, in focus, by one camera whose zoom was not touched"
+        )
+    return solve_lens(rest, shape, way), dropped
 
 
-def _halves(views: Sequence[BoardView], shape: tuple[int, int], way: _Way) -> tuple[Lens, Lens] | None:
+def _halves(views: Sequence[BoardView], shape: tuple[int, int], way: Way) -> tuple[Lens, Lens] | None:
     """Lenses from the odd and from the even views, or None where they are too few or do not determine one."""
     if len(views) < 2 * MIN_HALF:
         return None
     try:
-        first, second = (_solve(views[k::2], shape, way).lens for k in (0, 1))
+        first, second = (solve_lens(views[k::2], shape, way).lens for k in (0, 1))
     except FitError:
         return None
     return first, second
@@ -247,50 +227,10 @@ def _inflation(first: Lens, second: Lens) -> float:
     return float(np.sqrt(max(1.0, ratio)))
 
 
-def _solve(views: Sequence[BoardView], shape: tuple[int, int], way: _Way) -> _Solved:
-    """Start by OpenCV and solve the bundle; on request hand that to mrcal as its start."""
-    points = [board_points(view.points_px, view.spacing_mm) for view in views]
-    bundle = solve_bundle(points, *_started(points, shape), radial_terms=way.radial_terms, bowed=not way.flat_board)
-    _refuse_undetermined(bundle.values, bundle.covariance)
-    if way.use_mrcal:
-        seed = (bundle.values[: 6 + way.radial_terms], bundle.poses)
-        pixels, spacing = [view.points_px for view in views], views[0].spacing_mm
-        bundle = mrcal_wall.solve(pixels, spacing, *seed, shape, flat_board=way.flat_board)
-        _refuse_undetermined(bundle.values, bundle.covariance)
-    return _Solved(Lens(bundle.values, bundle.covariance, shape[1], shape[0]), _views_of(bundle, points), bundle)
-
-
-def _views_of(bundle: Bundle, points: Sequence[BoardPoints]) -> tuple[ViewFit, ...]:
-    parts = zip(points, bundle.poses, bundle.residuals, bundle.used, strict=True)
-    return tuple(
-        ViewFit(each.seen_px[used], rest[used], placed(each.kept(used), pose, bundle.warp_mm), each.seen_px[~used])
-        for each, pose, rest, used in parts
-    )
-
-
-def _started(points: Sequence[BoardPoints], shape: tuple[int, int]) -> tuple[Array, Array]:
-    """Lens and poses to start from: OpenCV's solve for a flat board, principal point from the image centre."""
-    board, seen = [_single(each.board_mm) for each in points], [_single(each.seen_px) for each in points]
-    size = (shape[1], shape[0])
-    focal = cv2.initCameraMatrix2D(board, seen, size)[0, 0]
-    focal = float(np.clip(focal if np.isfinite(focal) else max(shape), 0.3 * max(shape), 30.0 * max(shape)))
-    matrix = camera_matrix(np.array([focal, focal, (shape[1] - 1) / 2, (shape[0] - 1) / 2]))
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
-    try:
-        _, matrix, lens, turns, shifts = cv2.calibrateCamera(board, seen, size, matrix, np.zeros(5), flags=flags)
-    except cv2.error as error:
-        raise FitError(
-            f"OpenCV cannot solve for the lens ({error.err}); check that the views show one board"
-        ) from error
-    values = np.concatenate([matrix[[0, 1, 0, 1], [0, 1, 2, 2]], np.ravel(lens)[:5]])
-    return values, np.hstack([np.reshape(each, (-1, 3)) for each in (turns, shifts)])
-
-
-def _single(array: Array) -> NDArray[np.float32]:
-    return np.ascontiguousarray(array, dtype=np.float32)
-
-
-def _refuse_undetermined(values: Array, covariance: Array) -> None:
-    relative = float(np.sqrt(max(covariance[0, 0], 0.0)) / abs(values[0]))
-    if not relative < MAX_FOCAL_REL_U:
-        raise FitError(undetermined(f"{relative:.1%}"))
+def _left_over(solved: SolvedLens) -> float:
+    """Distance of Brown's lens from the richer one in standard uncertainties, at the boards' points, rms."""
+    if solved.left_px is None:
+        return 0.0
+    seen = np.concatenate([view.seen_px for view in solved.views])
+    expected = np.trace(projection_covariance_px(solved.lens, seen), axis1=1, axis2=2)
+    return float(np.sqrt(np.mean(solved.left_px**2) / np.median(expected)))

@@ -1,22 +1,46 @@
-"""The wall to mrcal: the only module that knows it. Without mrcal everything but `solve` works."""
+"""The wall to mrcal: the only module that knows it. Without mrcal everything but this module's work goes on."""
 
 import importlib.util
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.camera.bundle import Bundle
 from fringecal.errors import FitError
 
 Array = NDArray[np.float64]
 
 _MM_PER_M = 1000.0
 _MM_POSE = np.array([1.0, 1.0, 1.0, _MM_PER_M, _MM_PER_M, _MM_PER_M])
-# By the number of lens parameters; the missing one of the first is k3.
-_MODELS = {8: "LENSMODEL_OPENCV4", 9: "LENSMODEL_OPENCV5"}
-_ALL = 9
+_SPLINED = "LENSMODEL_SPLINED"
+
+
+@dataclass(frozen=True)
+class MrcalSolution:
+    """What mrcal found.
+
+    Parameters
+    ----------
+    values, covariance
+        Parameters of its lens model.
+    poses
+        Turn (Rodrigues) and shift in mm of the board in the camera's frame, (n, 6).
+    warp_mm
+        Bow of the board across its columns and rows; None if it was taken as flat.
+    residuals
+        Seen minus modelled, px, (rows, columns, 2) per view; meaningless where a point is hidden.
+    dof
+        Degrees of freedom.
+    """
+
+    values: Array
+    covariance: Array
+    poses: Array
+    warp_mm: tuple[float, float] | None
+    residuals: tuple[Array, ...]
+    dof: int
 
 
 def available() -> bool:
@@ -27,36 +51,37 @@ def available() -> bool:
 def solve(
     views: Sequence[Array],
     spacing_mm: float,
-    values: Array,
-    poses: Array,
+    start: tuple[Array, Array],
     shape: tuple[int, int],
     *,
-    flat_board: bool = False,
-) -> Bundle:
-    """Solve for lens, poses and the board's warp, with mrcal's outlier rejection.
+    model: str,
+    bowed: bool = True,
+) -> MrcalSolution:
+    """Solve for lens, poses and the board's warp; every point that is shown counts.
 
     Parameters
     ----------
     views
-        Points of the board (rows, columns, 2), px, NaN where hidden, per view.
+        Points of the board (rows, columns, 2), px, NaN where hidden or wrong, per view.
     spacing_mm
         Distance of neighbouring points, mm.
-    values
-        Lens parameters to start from: 8 of them, or 9 with k3.
-    poses
-        Board in the camera's frame to start from: turn (Rodrigues) and shift in mm, (n, 6).
+    start
+        Lens parameters of the model, and turn (Rodrigues) with shift in mm of the board in the camera's frame, (n, 6).
     shape
         Image shape (rows, columns).
-    flat_board
-        Whether the board has no warp.
+    model
+        mrcal's name of the lens model. A splined one keeps its core (its surface takes all that the core could)
+        and is kept smooth by mrcal's regularisation.
+    bowed
+        Whether the board may have a warp.
 
     Raises
     ------
     FitError
         mrcal is not installed, or the solve failed.
     """
-    inputs = _inputs(views, spacing_mm, values, poses, shape, bowed=not flat_board)
     mrcal = _mrcal()
+    inputs = _inputs(views, spacing_mm, *start, shape) | _choices(model, bowed=bowed)
     try:
         stats = mrcal.optimize(**inputs)
     except Exception as error:
@@ -64,18 +89,20 @@ def solve(
     used = inputs["observations_board"][..., 2] > 0
     rest = -np.reshape(stats["x"][: 2 * used.size], (*used.shape, 2))
     dof = max(1, 2 * int(used.sum()) - len(stats["b_packed"]))
-    variance = float((rest[used] ** 2).sum()) / dof
-    warp, missing = inputs["calobject_warp"], (0, _ALL - len(values))
-    known = [np.pad(np.isfinite(v).all(axis=-1), _room(v, used.shape[1:])) for v in views]
-    return Bundle(
-        np.pad(inputs["intrinsics"][0], missing),
-        np.pad(_covariance(mrcal, inputs) * variance, missing),
+    warp = inputs["calobject_warp"]
+    return MrcalSolution(
+        inputs["intrinsics"][0],
+        _covariance(mrcal, inputs) * float((rest[used] ** 2).sum()) / dof,
         inputs["rt_ref_frame"] * _MM_POSE,
         None if warp is None else (float(warp[0] * _MM_PER_M), float(warp[1] * _MM_PER_M)),
-        tuple(each[k] for each, k in zip(rest, known, strict=True)),
-        tuple(each[k] for each, k in zip(used, known, strict=True)),
+        tuple(each[: len(view), : view.shape[1]] for each, view in zip(rest, views, strict=True)),
         dof,
     )
+
+
+def project(model: str, values: Array, rays: Array) -> Array:
+    """Pixels (n, 2) of directions (n, 3) by one of mrcal's lens models."""
+    return np.asarray(_mrcal().project(np.ascontiguousarray(rays), model, np.ascontiguousarray(values)), dtype=float)
 
 
 def _mrcal() -> Any:
@@ -87,15 +114,10 @@ def _mrcal() -> Any:
     return mrcal
 
 
-def _room(view: Array, shape: tuple[int, ...]) -> list[tuple[int, int]]:
-    """What a view's grid lacks beside the largest one, after its last row and column."""
-    return [(0, most - own) for most, own in zip(shape, view.shape[:2], strict=True)]
-
-
 def _inputs(
-    views: Sequence[Array], spacing_mm: float, values: Array, poses: Array, shape: tuple[int, int], *, bowed: bool
+    views: Sequence[Array], spacing_mm: float, values: Array, poses: Array, shape: tuple[int, int]
 ) -> dict[str, Any]:
-    """Everything `mrcal.optimize` wants; lengths in metres. Hidden points have a negative weight."""
+    """What `mrcal.optimize` wants to know; lengths in metres. Hidden points have a negative weight."""
     rows, columns = (max(view.shape[axis] for view in views) for axis in (0, 1))
     board = np.full((len(views), rows, columns, 3), -1.0)
     for k, view in enumerate(views):
@@ -104,7 +126,7 @@ def _inputs(
         part[known, :2], part[known, 2] = view[known], 1.0
     numbers = np.arange(len(views), dtype=np.int32)
     return {
-        "intrinsics": np.ascontiguousarray(values[None], dtype=float),
+        "intrinsics": np.array(values[None], dtype=float),
         "rt_cam_ref": np.zeros((0, 6)),
         "rt_ref_frame": np.ascontiguousarray(poses / _MM_POSE),
         "points": None,
@@ -114,28 +136,39 @@ def _inputs(
         ),
         "observations_point": None,
         "indices_point_camintrinsics_camextrinsics": None,
-        "lensmodel": _MODELS[len(values)],
         "imagersizes": np.array([[shape[1], shape[0]]], dtype=np.int32),
         "calibration_object_spacing": spacing_mm / _MM_PER_M,
+    }
+
+
+def _choices(model: str, *, bowed: bool) -> dict[str, Any]:
+    """What `mrcal.optimize` is to solve for."""
+    splined = model.startswith(_SPLINED)
+    return {
+        "lensmodel": model,
         "calobject_warp": np.zeros(2) if bowed else None,
-        "do_optimize_intrinsics_core": True,
+        "do_optimize_intrinsics_core": not splined,
         "do_optimize_intrinsics_distortions": True,
         "do_optimize_extrinsics": False,
         "do_optimize_frames": True,
         "do_optimize_calobject_warp": bowed,
-        "do_apply_outlier_rejection": True,
-        "do_apply_regularization": False,
+        "do_apply_outlier_rejection": False,
+        "do_apply_regularization": splined,
         "verbose": False,
     }
 
 
 def _covariance(mrcal: Any, inputs: dict[str, Any]) -> Array:
-    """Covariance of the lens parameters for points of unit variance."""
+    """Covariance of the lens parameters for points of unit variance; zero for what was kept."""
     packed, _, _, factor = mrcal.optimizer_callback(**inputs)
     size = inputs["intrinsics"].shape[1]
-    unit = np.zeros((size, len(packed)))
-    unit[np.arange(size), np.arange(size)] = 1.0
-    inverse = factor.solve_xt_JtJ_bt(unit)[:, :size]
+    first = 0 if inputs["do_optimize_intrinsics_core"] else 4
+    free = size - first
+    unit = np.zeros((free, len(packed)))
+    unit[np.arange(free), np.arange(free)] = 1.0
+    inverse = factor.solve_xt_JtJ_bt(unit)[:, :free]
     scale = np.ones(len(packed))
     mrcal.unpack_state(scale, **inputs)
-    return np.asarray(inverse * np.outer(scale[:size], scale[:size]), dtype=float)
+    covariance = np.zeros((size, size))
+    covariance[first:, first:] = inverse * np.outer(scale[:free], scale[:free])
+    return covariance

@@ -17,6 +17,7 @@ VERBS = (
     "check",
     "targets",
     "grid",
+    "lens",
     "phase",
     "commission",
     "verify",

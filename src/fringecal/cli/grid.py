@@ -12,13 +12,11 @@ from fringecal.camera.distortion import DistortionTest, examine_distortion
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
+from fringecal.cli.pictures import read_picture
 from fringecal.detect.grid import FAMILIES, GridDetection, Polarity, find_grid
-from fringecal.errors import SessionError, TargetError
+from fringecal.errors import TargetError
 from fringecal.records.files import replacing, write_table
 from fringecal.report.figures_grid import distortion_quiver, grid_overlay
-from fringecal.session.faults import PictureError
-from fringecal.session.frames import read_bytes
-from fringecal.session.picture import decode, to_grey
 from fringecal.targets import LineGrid, load_target
 from fringecal.uncertainty.estimates import Estimate
 
@@ -44,7 +42,7 @@ def grid(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-grid/1)."),
 ) -> None:
     """Load, detect, save, print."""
-    picture = _read(image)
+    picture = read_picture(image)
     paper = None if target is None else _line_grid(target)
     detection = find_grid(picture, polarity=_polarity(polarity))
     scale = None if paper is None else thesis_scale(detection, _pitch(paper))
@@ -67,15 +65,6 @@ def _centre(text: str) -> Literal["image", "free"]:
     if text in ("image", "free"):
         return text  # type: ignore[return-value]
     raise typer.BadParameter(f"{text!r} is neither image nor free", param_hint="--centre")
-
-
-def _read(path: Path) -> np.ndarray:
-    """Read one picture as grey."""
-    try:
-        picture = decode(read_bytes(path))
-        return to_grey(picture.pixels, "luma" if picture.pixels.ndim == 3 else None, 2**picture.bits - 1)
-    except PictureError as error:
-        raise SessionError([f"{path}: {error}"]) from error
 
 
 def _line_grid(name: str) -> LineGrid:

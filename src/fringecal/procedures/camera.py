@@ -6,15 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from fringecal.camera.board_views import board_view
 from fringecal.camera.lens import Lens
-from fringecal.camera.lens_fit import LensFit, fit_lens
 from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.camera.verdict import DistortionVerdict, distortion_verdict
 from fringecal.detect.grid import GridDetection, find_grid
 from fringecal.errors import FitError, SessionError
-from fringecal.records.cameramodel import read_lens
+from fringecal.procedures.lens import KnownLens, known_lens
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
 from fringecal.targets.geometry import grid_points_mm
@@ -34,6 +32,7 @@ class CameraFindings:
     fit: CameraFit
     distortion: DistortionVerdict
     tables: ThesisScale
+    lens: KnownLens | None = None
 
     @property
     def scales(self) -> dict[str, Estimate]:
@@ -67,13 +66,14 @@ def measure_camera(session: Session) -> CameraFindings:
     if not isinstance(capture.target, LineGrid):
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
     detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
-    fit = fit_camera(session, capture.target, detection)
+    lens = known_lens(session)
+    fit = fit_camera(session, capture.target, detection, None if lens is None else lens.lens)
     points = np.column_stack([detection.u_px, detection.v_px])
     tables = thesis_scale(detection, capture.target.pitch_mm.estimate("grid pitch", "mm"))
-    return CameraFindings(capture, capture.target, detection, fit, distortion_verdict(fit, points), tables)
+    return CameraFindings(capture, capture.target, detection, fit, distortion_verdict(fit, points), tables, lens)
 
 
-def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> CameraFit:
+def fit_camera(session: Session, target: LineGrid, detection: GridDetection, lens: Lens | None = None) -> CameraFit:
     """Fit the camera to a detected grid with what the session states of it.
 
     Terms of distortion beyond k1 are let in one set after the other, while each makes the residual smaller
@@ -84,7 +84,6 @@ def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> 
     height = None
     if known.height_mm is not None:
         height = known.height_mm.estimate("camera height", "mm")
-    lens = known_lens(session)
 
     def solve(distortion: tuple[str, ...]) -> CameraFit:
         return fit_plate_camera(
@@ -112,42 +111,6 @@ def fit_camera(session: Session, target: LineGrid, detection: GridDetection) -> 
             break
         best = richer
     return best
-
-
-def known_lens(session: Session) -> Lens | None:
-    """Give the full lens that the session states or holds the board pictures for; None with neither.
-
-    Raises
-    ------
-    SessionError
-        Both are given, and only one can be the truth.
-    RecordError, DetectionError, FitError
-        The file holds no such lens, a board is not found, or the poses do not determine the lens.
-    """
-    if session.camera.model is not None and session.find("board"):
-        raise SessionError(["camera.model is stated and a capture of kind 'board' gives another; keep one of the two"])
-    if session.camera.model is not None:
-        return read_lens(session.camera.model)
-    return measure_lens(session).lens if session.find("board") else None
-
-
-def measure_lens(session: Session) -> LensFit:
-    """Find the board in all pictures of kind "board" and fit the full lens.
-
-    Raises
-    ------
-    DetectionError
-        A picture does not show its board.
-    FitError
-        The poses do not determine the lens.
-    """
-    views, shape = [], (0, 0)
-    for capture in session.find("board"):
-        if capture.target is None:
-            raise SessionError([f"capture {capture.name!r}: names no target; name the board's"])
-        views += [board_view(image, capture.target) for image in capture.read()]
-        shape = capture.shape
-    return fit_lens(views, shape)
 
 
 def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:

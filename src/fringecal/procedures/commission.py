@@ -86,7 +86,8 @@ class Commissioning:
             f"Fringe order of the {height:g} mm strips: {decision.order:+d} ({decision.reason})."
             for height, decision in self.orders.items()
         ]
-        return (*orders, self.angle_sentence)
+        lens = () if self.camera.lens is None else self.camera.lens.notes
+        return (*orders, *lens, self.angle_sentence)
 
     @property
     def camera_fit(self) -> CameraFit:

@@ -13,11 +13,13 @@ from fringecal.errors import RecordError
 from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.frames import CapturePhase
+from fringecal.procedures.lens_recording import lens_record
 from fringecal.procedures.verification import Verification
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.columns import ColumnAngle
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel
 from fringecal.records import calibration as record
+from fringecal.records.lens import LensRecord
 from fringecal.records.parts import BudgetRow, EstimateRecord, InputFile, SessionNote, ValueU, VectorU
 from fringecal.records.provenance import sha256_of, software_versions
 from fringecal.records.verification import (
@@ -48,6 +50,7 @@ def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> 
             white_level=found.reference.capture.white_level,
         ),
         camera=_camera_record(found.calibration.camera),
+        lens=_known_lens_record(found),
         steps=tuple(_steps_record(c) for c in (found.reference, found.strips_capture)),
         scale=record.ScaleRecord(**scales),
         distortion=_distortion_record(found),
@@ -163,6 +166,12 @@ def _camera_record(camera: PlateCamera) -> record.CameraRecord:
         width=camera.width_px,
         height=camera.height_px,
     )
+
+
+def _known_lens_record(found: Commissioning) -> LensRecord | None:
+    camera = found.calibration.camera
+    known = found.camera.lens
+    return None if known is None else lens_record(known, distance_mm=float(camera["height_mm"]))
 
 
 def _steps_record(found: CapturePhase) -> record.StepsRecord:

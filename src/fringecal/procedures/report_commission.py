@@ -7,6 +7,7 @@ from fringecal.procedures.checks import commissioning_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.report_angle import angle_section, budgets_section
 from fringecal.procedures.report_camera import camera_section, largest_scale_error_percent
+from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
 from fringecal.projection.angle import fringe_pitch_mm
@@ -38,6 +39,7 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
         sections=(
             Section("Checks", (), (checks_table(checks),)),
             camera_section(found.camera),
+            *_lens(found),
             phase_section((found.reference, found.strips_capture)),
             strips_section(found, residuals),
             rig_section(found, residuals),
@@ -49,6 +51,12 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
         command=command,
         created=created,
     )
+
+
+def _lens(found: Commissioning) -> tuple[Section, ...]:
+    """Show the lens where the session states one or holds board pictures."""
+    known = found.camera.lens
+    return () if known is None else (lens_section(known, found.calibration.camera["height_mm"]),)
 
 
 def _subtitle(found: Commissioning) -> str:

@@ -7,6 +7,7 @@ from typing import Any, Final, Literal, Self
 from pydantic import Field, model_validator
 
 from fringecal.records.documents import read_document, write_document
+from fringecal.records.lens import LensRecord
 from fringecal.records.parts import (
     BudgetRow,
     Check,
@@ -186,6 +187,7 @@ class CalibrationRecord(Provenance):
     format: Literal["fringecal-calibration/1"] = CALIBRATION_FORMAT
     image: ImageRecord
     camera: CameraRecord
+    lens: LensRecord | None = Field(default=None, description="the lens as stated or solved before the grid")
     steps: tuple[StepsRecord, ...] = ()
     scale: ScaleRecord
     distortion: DistortionRecord

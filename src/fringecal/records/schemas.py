@@ -9,10 +9,12 @@ from pydantic import BaseModel
 
 from fringecal.records.calibration import CalibrationRecord
 from fringecal.records.files import write_text
+from fringecal.records.lens import LensDocument
 from fringecal.records.verification import VerificationRecord
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "calibration": CalibrationRecord,
+    "lens": LensDocument,
     "verification": VerificationRecord,
 }
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"

@@ -13,7 +13,7 @@ from fringecal.session.faults import Fault, joined
 
 _TARGETS_OF = {
     "grid": frozenset({"line-grid"}),
-    "board": frozenset({"chessboard", "charuco", "dots"}),
+    "board": frozenset({"chessboard", "charuco", "dots", "line-grid"}),
     "reference": frozenset({"flat"}),
     "strips": frozenset({"strips"}),
     "artefact": frozenset({"zigzag", "steps", "wedge", "box", "sphere", "ball-bar", "strips", "flat"}),

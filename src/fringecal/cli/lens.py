@@ -1,0 +1,150 @@
+"""`fringecal lens`: focal length, principal point and distortion from pictures of a board."""
+
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, cast
+
+import typer
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.pictures import read_picture
+from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+
+if TYPE_CHECKING:
+    from fringecal.camera.lens_fit import Solver
+    from fringecal.camera.lens_solve import Model
+    from fringecal.procedures.lens import LensFindings
+    from fringecal.records.lens import LensDocument
+    from fringecal.report.structure import InputFile, Report
+
+HELP = """Fit the full lens to several pictures of a board, with its uncertainty over the field.
+
+SOURCE is a session folder with a capture of kind board, or the pictures with --target (a shipped name or a file).
+Writes lens.json, lens.cameramodel, lens.yml, tables, figures and report.html into DIR.
+
+Example: fringecal lens bench/2026-11-22/board-*.png --target chessboard-9x6-25mm --out lens
+"""
+SOLVERS = ("auto", "mrcal", "opencv")
+MODELS = ("brown", "opencv8", "splined")
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """How the lens is to be solved."""
+
+    solver: "Solver"
+    model: "Model"
+    flat_board: bool
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="lens", help=HELP)(lens)
+
+
+def lens(
+    source: list[Path] = typer.Argument(..., help="Session folder, or pictures.", show_default=False),
+    target: str | None = typer.Option(None, "--target", help="Board: a shipped name or a TOML file."),
+    solver: str = typer.Option("auto", "--solver", help="auto, mrcal or opencv."),
+    model: str = typer.Option("brown", "--model", help="brown; opencv8 or splined (mrcal)."),
+    flat_board: bool = typer.Option(False, "--flat-board", help="Take the board as flat."),
+    distance_mm: float | None = typer.Option(None, help="Distance for the map of uncertainty; else the boards'."),
+    out: Path | None = typer.Option(None, "--out", help="Folder for the results."),
+    as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-lens/1)."),
+) -> None:
+    """Load, fit, save, print."""
+    from fringecal.procedures.lens import KnownLens
+    from fringecal.procedures.lens_recording import lens_record
+    from fringecal.procedures.report_lens import lens_report
+    from fringecal.records.lens import LensDocument
+    from fringecal.records.provenance import software_versions
+
+    _demand(solver, model, distance_mm, out)
+    command = command_line("lens", [*source, *(["--target", target] if target else [])])
+    with progress(quiet=as_json) as show:
+        show("finding the board and fitting the lens")
+        found, inputs = _found(source, target, _Wanted(cast("Solver", solver), cast("Model", model), flat_board))
+        record = lens_record(KnownLens(found.fit.lens, findings=found), distance_mm=distance_mm)
+        hashes = {entry.file: entry.sha256 for entry in inputs}
+        document = LensDocument(software=software_versions(), command=command, inputs=hashes, lens=record)
+        if out is not None:
+            show("writing the report")
+            report = lens_report(
+                found,
+                distance_mm=distance_mm,
+                inputs=inputs,
+                command=" ".join(command),
+                created=datetime.now(UTC),
+            )
+            _save(document, report, found, out)
+    if as_json:
+        print_json(document.model_dump(mode="json"))
+        return
+    console.print(_table(found))
+    for sentence in record.notes:
+        console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+    if out is not None:
+        console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _demand(solver: str, model: str, distance_mm: float | None, out: Path | None) -> None:
+    """Refuse options that cannot be meant, before the work is done."""
+    if solver not in SOLVERS:
+        raise typer.BadParameter(f"{solver!r} is none of {', '.join(SOLVERS)}", param_hint="--solver")
+    if model not in MODELS:
+        raise typer.BadParameter(f"{model!r} is none of {', '.join(MODELS)}", param_hint="--model")
+    if distance_mm is not None and not distance_mm > 0:
+        raise typer.BadParameter(f"{distance_mm} mm is not in front of the camera", param_hint="--distance-mm")
+    if out is not None:
+        demand_folder(out)
+
+
+def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["LensFindings", tuple["InputFile", ...]]:
+    """Fit the lens to a session's boards or to pictures; with the files used."""
+    from fringecal.procedures.lens import lens_from_pictures, measure_lens
+    from fringecal.procedures.report_parts import inputs_of_capture
+    from fringecal.records.provenance import sha256_of
+    from fringecal.report.structure import InputFile
+    from fringecal.session import load_session
+    from fringecal.targets import load_target
+
+    if len(source) == 1 and source[0].is_dir():
+        if target is not None:
+            raise typer.BadParameter("a session names its own targets; leave it out", param_hint="--target")
+        session = load_session(source[0])
+        found = measure_lens(session, **asdict(wanted))
+        return found, tuple(one for capture in session.find("board") for one in inputs_of_capture(capture))
+    if target is None:
+        raise typer.BadParameter("pictures need the board that they show", param_hint="--target")
+    board = load_target(target)
+    pictures = [(path.name, read_picture(path)) for path in source]
+    found = lens_from_pictures(pictures, board, **asdict(wanted))
+    return found, tuple(InputFile("board", path.name, sha256_of(path)) for path in source)
+
+
+def _save(document: "LensDocument", report: "Report", found: "LensFindings", out: Path) -> None:
+    """Write record, lens files and report, all together or not at all."""
+    from fringecal.records.cameramodel import write_lens
+    from fringecal.records.documents import write_document
+    from fringecal.records.files import result_folder
+    from fringecal.records.lens import LENS_FILE
+
+    with result_folder(out, last=LENS_FILE) as staging:
+        for name in ("lens.cameramodel", "lens.yml"):
+            write_lens(staging / name, found.fit.lens)
+        write_report(report, staging)
+        write_document(document, staging / LENS_FILE)
+
+
+def _table(found: "LensFindings") -> Table:
+    from fringecal.camera.lens import LENS_NAMES
+
+    table = Table(title="Lens; u is a standard uncertainty")
+    for heading in ("parameter", "value", "u", "unit"):
+        table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
+    for name in LENS_NAMES:
+        one = found.fit.lens.estimate(name)
+        table.add_row(name.removesuffix("_px"), f"{one.value:.6g}", f"{one.u:.2g}", one.unit)
+    return table

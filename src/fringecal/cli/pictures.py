@@ -1,0 +1,25 @@
+"""One picture named on the command line, read as grey."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fringecal.errors import SessionError
+from fringecal.session.faults import PictureError
+from fringecal.session.frames import read_bytes
+from fringecal.session.picture import decode, to_grey
+
+
+def read_picture(path: Path) -> np.ndarray:
+    """Read one picture; colour becomes luma.
+
+    Raises
+    ------
+    SessionError
+        The file is no picture that can be read.
+    """
+    try:
+        picture = decode(read_bytes(path))
+        return to_grey(picture.pixels, "luma" if picture.pixels.ndim == 3 else None, 2**picture.bits - 1)
+    except PictureError as error:
+        raise SessionError([f"{path}: {error}"]) from error
