@@ -25,6 +25,7 @@ MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
 """A residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
 
 _DARK_SIGMAS = 4.0
+_LEAST_MODULATION = 1e-15  # squares of less are lost in float32
 _SAMPLES_ALONG = 160
 
 
@@ -138,7 +139,7 @@ def demodulate(
     limits = kernels.Limits(
         np.float32(white),
         np.float32(_DARK_SIGMAS * read_sigma if dark_level is None else dark_level),
-        np.float32(min_modulation),
+        np.float32(max(min_modulation, _LEAST_MODULATION)),
         np.float32(MAX_SIGMA_RAD),
         np.float32(MISFIT_SIGMAS * noise.sigma(_typical_grey(grey))),
         np.float32(max_misfit),

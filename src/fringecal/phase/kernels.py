@@ -1,7 +1,7 @@
 """Compiled kernels: the camera's integers in; phase, modulation and the reasons of the mask out, in one pass.
 
-A pixel costs N weighted sums, one division, one or two square roots and a polynomial arctangent, all in
-float32 and written so that the compiler vectorises them. Frames are taken in blocks that stay in the
+A pixel costs N weighted sums, one division, one square root and a polynomial arctangent (u(phi) another division
+and root), all in float32 and written so that the compiler vectorises them. Frames are taken in blocks that stay in the
 first-level cache, so that memory is read once and written once.
 """
 
@@ -15,7 +15,8 @@ SATURATED, DARK, LOW_MODULATION, OUTSIDE, MISFIT = 1, 2, 4, 8, 16
 BLOCK = 1024
 """Pixels taken at a time: seven float32 buffers of this length fit a 32 KiB first-level cache."""
 
-_PI, _HALF_PI = np.float32(np.pi), np.float32(np.pi / 2)
+_FLOAT_SIZE = 4  # bytes; integers have fewer, and are always finite
+_PI = np.float32(np.pi)
 _ZERO, _INFINITY, _NAN = np.float32(0), np.float32(np.inf), np.float32(np.nan)
 # Keeps 0/0 away in pixels without any modulation; far below the square of any real grey value.
 _TINY = np.float32(1e-30)
@@ -23,9 +24,10 @@ _TINY = np.float32(1e-30)
 # "nnan" and "ninf" are left out: frames may hold NaN, which must reach the mask.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
 
-# atan(t) = t P(t^2) on [0, 1]: minimax by Lawson's iteration, largest error 2.5e-7 rad.
+# 2 atan(t) = t P(t^2) on [0, 1]: minimax by Lawson's iteration, largest error 5.0e-7 rad.
 _P0, _P1, _P2, _P3, _P4, _P5, _P6 = (
-    np.float32(c) for c in (0.99999613, -0.33317369, 0.19807816, -0.13233341, 0.07962366, -0.03360421, 0.00681179)
+    np.float32(c)
+    for c in (1.99999222, -0.666347361, 0.396156311, -0.264666841, 0.159247343, -0.0672084394, 0.013623586)
 )
 
 
@@ -57,17 +59,18 @@ class Limits(NamedTuple):
 
 
 @njit(fastmath=_FAST, inline="always")
-def _atan2(y, x):  # type: ignore[no-untyped-def]
-    """Return the four-quadrant arctangent of two float32 numbers, to 5e-7 rad; 0 for (0, 0)."""
-    ay, ax = abs(y), abs(x)
-    # The smaller over the larger keeps the polynomial's argument in [0, 1].
-    t = min(ay, ax) / (max(ay, ax) + _TINY)
+def _angle(y, x, length):  # type: ignore[no-untyped-def]
+    """Return the four-quadrant arctangent of two float32 numbers, whose length is known, to 2e-6 rad; 0 for (0, 0).
+
+    By half the angle, `atan2(y, |x|) = 2 atan(y / (length + |x|))`: the argument of the polynomial lies in [-1, 1]
+    without any exchange of x and y, and x < 0 is what is left of half a turn.
+    """
+    t = y / (length + abs(x) + _TINY)
     q = t * t
     angle = t * (_P0 + q * (_P1 + q * (_P2 + q * (_P3 + q * (_P4 + q * (_P5 + q * _P6))))))
-    angle = _HALF_PI - angle if ay > ax else angle
-    angle = _PI - angle if x < _ZERO else angle
+    angle = np.copysign(_PI, y) - angle if x < _ZERO else angle
     # Never -pi, which is the same as pi.
-    return -angle if (y < _ZERO) & (angle < _PI) else angle
+    return _PI if angle <= -_PI else angle
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -103,13 +106,23 @@ def _three_sums(frames, start, count, weights, sums, peak):  # type: ignore[no-u
 def _flags(a, b, peak, limits):  # type: ignore[no-untyped-def]
     """Return the reasons that both kernels know, as a float32: whole integers would be 64 bit wide in numba."""
     why = _flag(peak >= limits.white_level, SATURATED) + _flag(a < limits.dark_level, DARK)
-    return why + _flag(b < limits.min_modulation, LOW_MODULATION) + _flag(not abs(b) < _INFINITY, OUTSIDE)
+    return why + _flag(b < limits.min_modulation, LOW_MODULATION)
 
 
 @njit(fastmath=_FAST, inline="always")
 def _flag(raised, reason):  # type: ignore[no-untyped-def]
     """Return the reason if raised, else zero."""
     return np.float32(reason) if raised else _ZERO
+
+
+@njit(fastmath=_FAST, inline="always")
+def _put_outside(modulation, maps, reasons):  # type: ignore[no-untyped-def]
+    """Flag the pixels of float frames whose modulation is no finite number."""
+    for i in range(modulation.shape[0]):
+        if not abs(modulation[i]) < _INFINITY:
+            reasons[i] |= np.uint8(OUTSIDE)
+            for map_ in maps:
+                map_[i] = _NAN
 
 
 @njit(parallel=True, cache=True, fastmath=_FAST)
@@ -140,10 +153,12 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
         for i in range(count):
             b = np.sqrt(c[i] * c[i] + s[i] * s[i])
             why = _flags(a[i], b, peak[i], limits)
-            angle = _atan2(s[i], c[i])
+            angle = _angle(s[i], c[i], b)
             out_m[i] = b
             out_r[i] = np.uint8(np.int32(why))
             out_p[i] = angle if why == _ZERO else _NAN
+        if frames.itemsize == _FLOAT_SIZE:
+            _put_outside(out_m, (out_p,), out_r)
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -215,10 +230,12 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
             uncertain = (variance > max_variance) & (b >= limits.min_modulation)
             why += _flag(uncertain, LOW_MODULATION) + _flag(rss[i] > spare * limit * limit, MISFIT)
             valid = why == _ZERO
-            angle = _atan2(s[i], c[i])
+            angle = _angle(s[i], c[i], b)
             deviation = np.sqrt(variance)
             out_m[i] = b
             out_a[i] = a[i]
             out_r[i] = np.uint8(np.int32(why))
             out_p[i] = angle if valid else _NAN
             out_u[i] = deviation if valid else _NAN
+        if frames.itemsize == _FLOAT_SIZE:
+            _put_outside(out_m, (out_p, out_u), out_r)
