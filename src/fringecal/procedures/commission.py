@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,16 @@ from fringecal.errors import FitError, SessionError
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.camera import CameraFindings, measure_camera
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.further import (
+    FurtherArtefact,
+    contradictions,
+    further_captures,
+    observe_further,
+    phases_of,
+    strips_captures,
+    strips_target,
+    with_further,
+)
 from fringecal.projection.angle import (
     ProjectorPosition,
     angle_estimate,
@@ -23,10 +33,10 @@ from fringecal.projection.calibration import Observations, RigCalibration, calib
 from fringecal.projection.columns import ColumnAngle, column_angles
 from fringecal.projection.fit import RigFit
 from fringecal.projection.order import OrderDecision
+from fringecal.projection.sampling import pick_points
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
-from fringecal.session import Capture, Session
-from fringecal.targets import Strips
+from fringecal.session import Session
 from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
@@ -34,7 +44,6 @@ Progress = Callable[[str], None]
 
 _POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
 _LEAST_POINTS = 100  # of a surface; fewer say nothing beside the others
-_BLOCK_PX = 24  # side of the blocks of neighbours whose residuals hang together
 _COLUMNS = 9
 
 
@@ -58,6 +67,7 @@ class Commissioning:
     pitch_mm: float
     columns: tuple[ColumnAngle, ...]
     plate_phase_rad: Array
+    further: tuple[FurtherArtefact, ...] = ()
 
     @property
     def angle_en(self) -> float | None:
@@ -87,7 +97,13 @@ class Commissioning:
             for height, decision in self.orders.items()
         ]
         lens = () if self.camera.lens is None else self.camera.lens.notes
-        return (*orders, *lens, self.angle_sentence)
+        further = (note for artefact in self.further for note in artefact.notes)
+        return (*orders, *lens, *further, *self.contradictions, self.angle_sentence)
+
+    @property
+    def contradictions(self) -> tuple[str, ...]:
+        """Name every stated height that the other artefacts do not bear out."""
+        return contradictions(self.observations, self.fit)
 
     @property
     def camera_fit(self) -> CameraFit:
@@ -124,9 +140,9 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     reference = phase_of_capture(session.one("reference"))
     plate_phase = _whole_plate(reference)
     progress("phase of the strips")
-    capture = session.one("strips")
+    capture = strips_captures(session)[0]
     strips_capture = phase_of_capture(capture)
-    target = _strips_target(capture)
+    target = strips_target(capture)
     strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
     stated = projector_of(session)
     near = None if stated is None else stated.value_mm
@@ -135,12 +151,26 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     observations, orders = _observations(plate_phase, strips, ordered)
     progress("joint fit of the rig")
     noise = float(np.nanmedian(reference.map.sigma[reference.map.valid]))
-    calibration, fit = calibrate_rig(
-        observations, camera.fit, projector_near=near, phase_sigma_rad=noise, progress=progress
-    )
+
+    def solve(observed: Observations) -> tuple[RigCalibration, RigFit]:
+        return calibrate_rig(observed, camera.fit, projector_near=near, phase_sigma_rad=noise, progress=progress)
+
+    calibration, fit = solve(observations)
+    further: tuple[FurtherArtefact, ...] = ()
+    if phases := phases_of(further_captures(session)):
+        progress("further artefacts")
+        basis = observations
+        # A second round: what the first could not decide, the rig may predict once it knows more.
+        for _ in range(2):
+            further = observe_further(phases, reference, plate_phase, calibration)
+            observations = with_further(basis, further)
+            calibration, fit = solve(observations)
+            if not any(artefact.seen.left_out for artefact in further):
+                break
     progress("projection angle column by column")
     captures = (reference, strips_capture)
-    return _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
+    found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
+    return replace(found, further=further)
 
 
 def _demand(session: Session, *kinds: str) -> None:
@@ -149,12 +179,6 @@ def _demand(session: Session, *kinds: str) -> None:
         raise SessionError(
             [f"no capture of kind {kind!r}: commissioning needs one; add it to session.toml" for kind in missing]
         )
-
-
-def _strips_target(capture: Capture) -> Strips:
-    if not isinstance(capture.target, Strips):
-        raise SessionError([f"capture {capture.name!r}: its target is no set of strips; name one"])
-    return capture.target
 
 
 def projector_of(session: Session) -> ProjectorPosition | None:
@@ -200,13 +224,8 @@ type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
 
 
 def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = _POINTS) -> Picked:
-    """Take pixels spread evenly over a region, with the number of the block each lies in."""
-    v, u = np.nonzero(inside)
-    # A fixed stride over the raster would walk along columns: a seeded draw has no such beat with fringes.
-    chosen = np.sort(np.random.default_rng(2008).permutation(v.size)[:number])
-    v, u = v[chosen], u[chosen]
-    cluster = (v // _BLOCK_PX) * 100_000 + u // _BLOCK_PX
-    return u.astype(float), v.astype(float), phase[v, u], cluster.astype(np.intp)
+    u, v, cluster = pick_points(inside, number)
+    return u, v, phase[v.astype(int), u.astype(int)], cluster
 
 
 def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning found

@@ -74,6 +74,13 @@ def verify(
     capture = session.one("artefact") if capture_name is None else session.named(capture_name)
     if not isinstance(capture.target, Zigzag):
         raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; only zig-zags are verified so far"])
+    if capture.use == "calibration":
+        raise SessionError(
+            [
+                f'capture {capture.name!r}: states use = "calibration", so the rig was fitted to it and agrees with '
+                "it in any case; verify on an artefact that took no part"
+            ]
+        )
     demand_same_picture(capture, calibration)
     progress("phase of the bars")
     phase = phase_of_capture(capture)

@@ -98,11 +98,21 @@ class RigCalibration:
 
 
 @dataclass(frozen=True)
+class HeightDoubt:
+    """What one standard uncertainty of a cause does to the height of a surface: one number, or one per pixel."""
+
+    label: str
+    change_mm: float | Array
+    dof: float = math.inf
+
+
+@dataclass(frozen=True)
 class Observations:
     """What a rig is fitted to, in pixels: the plate, then artefacts of known height.
 
     `u_px`, `v_px`, `phase_rad`, `cluster` hold one array per surface; `height_mm` one estimate each (0 for the
-    plate), whose label names the cause.
+    plate), whose label names the cause. Where a surface is not level, `relief_mm` is added to its height pixel
+    by pixel, and `doubts` holds causes beside the height's own.
     """
 
     u_px: tuple[Array, ...]
@@ -110,15 +120,38 @@ class Observations:
     phase_rad: tuple[Array, ...]
     cluster: tuple[NDArray[np.intp], ...]
     height_mm: tuple[Estimate, ...]
+    relief_mm: tuple[float | Array, ...] = ()
+    doubts: tuple[tuple[HeightDoubt, ...], ...] = ()
 
-    def surfaces(self, camera: PlateCamera, *, raised: int | None = None) -> list[PhasePoints]:
-        """Return the points as this camera sees them; `raised` adds one u to that surface's height."""
+    def doubts_of(self, surface: int) -> tuple[HeightDoubt, ...]:
+        """Return all causes that make the height of a surface uncertain, its own first."""
+        height = self.height_mm[surface]
+        own = (HeightDoubt(height.label, height.u, height.dof),) if height.u > 0 else ()
+        return (*own, *(self.doubts[surface] if self.doubts else ()))
+
+    def surfaces(self, camera: PlateCamera, *, raised: tuple[int, int] | None = None) -> list[PhasePoints]:
+        """Return the points as this camera sees them; `raised` (surface, doubt) adds one u of that doubt."""
         made = []
         for i, height in enumerate(self.height_mm):
-            z = height.value + (height.u if i == raised else 0.0)
+            changes = tuple(doubt.change_mm for doubt in self.doubts_of(i))
+            z = height.value + (self.relief_mm[i] if self.relief_mm else 0.0)
+            if raised is not None and raised[0] == i:
+                z = z + changes[raised[1]]
             rays = camera.rays(self.u_px[i], self.v_px[i])
-            made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i]))
+            made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
         return made
+
+    def joined(self, other: "Observations") -> "Observations":
+        """Return these surfaces followed by those of another."""
+        return Observations(
+            self.u_px + other.u_px,
+            self.v_px + other.v_px,
+            self.phase_rad + other.phase_rad,
+            self.cluster + other.cluster,
+            self.height_mm + other.height_mm,
+            sum((o.relief_mm or (0.0,) * len(o.height_mm) for o in (self, other)), ()),
+            sum((o.doubts or ((),) * len(o.height_mm) for o in (self, other)), ()),
+        )
 
 
 def calibrate_rig(
@@ -151,7 +184,7 @@ def calibrate_rig(
         The captures do not determine the rig.
     """
 
-    def solve(camera: PlateCamera, raised: int | None = None) -> RigFit:
+    def solve(camera: PlateCamera, raised: tuple[int, int] | None = None) -> RigFit:
         return fit_rig(
             observations.surfaces(camera, raised=raised),
             residual_degree=residual_degree,
@@ -162,10 +195,11 @@ def calibrate_rig(
     fit = solve(camera)
     base = _joined(camera, fit.model)
     modes = [Mode("phase scatter", effect, fit.dof) for effect in _scatter_effects(fit, base.size)]
-    for index, height in enumerate(observations.height_mm):
-        if height.u > 0:
-            progress(f"sensitivity to {height.label}")
-            modes.append(Mode(height.label, _joined(camera, solve(camera, index).model) - base, height.dof))
+    for index in range(len(observations.height_mm)):
+        for number, doubt in enumerate(observations.doubts_of(index)):
+            progress(f"sensitivity to {doubt.label}")
+            effect = _joined(camera, solve(camera, (index, number)).model) - base
+            modes.append(Mode(doubt.label, effect, doubt.dof))
     for label, effect in _camera_effects(camera_fit):
         progress(f"sensitivity to {label}")
         moved = camera.replaced(camera.parameters + effect)
@@ -207,4 +241,4 @@ def _axes(covariance: Array) -> list[Array]:
     ]
 
 
-__all__ = ["Mode", "Observations", "PlateResidual", "RigCalibration", "calibrate_rig"]
+__all__ = ["HeightDoubt", "Mode", "Observations", "PlateResidual", "RigCalibration", "calibrate_rig"]

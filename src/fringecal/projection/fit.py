@@ -6,7 +6,7 @@ covariance comes from the scatter of whole blocks of residuals (cluster-robust, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,33 +20,46 @@ Array = NDArray[np.float64]
 _ROUNDS = 6
 _LENGTH = 100.0  # mm; unit of length inside the solver, so that its columns are of one size
 _OUTLIER = 4.5  # robust sigmas
+_VOICE_RAD = 2e-3  # how well a whole surface tells its phase: ripple and waves that no parameter describes
 
 
 @dataclass(frozen=True)
 class PhasePoints:
     """Pixels of one surface whose height above the plate is known, with their absolute phase.
 
-    `rays` are the pixels' rays, `z_mm` the known height, `phase_rad` the unwrapped phase, `cluster` the number
-    of the block of neighbours a pixel belongs to.
+    Parameters
+    ----------
+    rays
+        The pixels' rays.
+    z_mm
+        The known height: one for all, or one for each pixel.
+    phase_rad
+        The unwrapped phase, NaN where unknown.
+    cluster
+        Number of the block of neighbours a pixel belongs to.
+    doubts_mm
+        What one standard uncertainty of each doubt about the height does to it: one number, or one for each pixel.
     """
 
     rays: Rays
-    z_mm: float
+    z_mm: float | Array
     phase_rad: Array
     cluster: NDArray[np.intp]
+    doubts_mm: tuple[float | Array, ...] = ()
 
-    def seen_by(self, rays: Rays) -> "PhasePoints":
-        """Return the same pixels looking along other rays."""
-        return PhasePoints(rays, self.z_mm, self.phase_rad, self.cluster)
-
-    def raised(self, z_mm: float) -> "PhasePoints":
-        """Return the same pixels on a surface of another height."""
-        return PhasePoints(self.rays, z_mm, self.phase_rad, self.cluster)
+    def lifted(self, doubts: Array) -> "PhasePoints":
+        """Return the same pixels with their height changed by so many standard uncertainties of each doubt."""
+        changes = (value * change for value, change in zip(doubts, self.doubts_mm, strict=True))
+        return replace(self, z_mm=sum(changes, self.z_mm))
 
 
 @dataclass(frozen=True)
 class RigFit:
-    """A fitted rig, its covariance from the scatter of residuals, and the residuals of every surface."""
+    """A fitted rig, its covariance from the scatter of residuals, and the residuals of every surface.
+
+    `doubts` holds, for every surface, by how many standard uncertainties each doubt about its height was moved
+    to make all surfaces agree.
+    """
 
     model: RigModel
     covariance: Array
@@ -54,6 +67,7 @@ class RigFit:
     rms_rad: float
     plate_rms_rad: float
     dof: int
+    doubts: tuple[Array, ...] = ()
 
 
 def fit_rig(
@@ -78,21 +92,22 @@ def fit_rig(
     FitError
         No second height, or a fit that does not determine the model.
     """
-    heights = {float(s.z_mm) for s in surfaces}
-    if len(heights) < 2:
+    if len({float(z) for s in surfaces for z in np.unique(s.z_mm)}) < 2:
         raise FitError(
             "All phase points lie at one height: they cannot tell how phase changes with height. Add a capture of "
             "strips or steps of known height."
         )
     model = RigModel(_first_guess(surfaces), np.full(3, np.inf))
     keep = [np.isfinite(s.phase_rad) for s in surfaces]
+    doubts = [np.zeros(len(s.doubts_mm)) for s in surfaces]
     for round_number in range(_ROUNDS):
-        model = _improve(model, surfaces, keep)
+        model, doubts = _improve(model, surfaces, keep, doubts)
         model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
         if residual_degree and round_number < _ROUNDS - 2:
             model = _with_residual(model, surfaces[0], keep[0], residual_degree)
-        keep = [_inliers(_misfit(model, s), finite=np.isfinite(s.phase_rad)) for s in surfaces]
-    return _report(model, surfaces, keep)
+        misfits = [_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True)]
+        keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(misfits, surfaces, strict=True)]
+    return _report(model, surfaces, keep, doubts)
 
 
 def _misfit(model: RigModel, surface: PhasePoints) -> Array:
@@ -111,7 +126,7 @@ def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
     for surface in surfaces:
         good = np.isfinite(surface.phase_rad)
         x, y = (c[good] / _LENGTH for c in surface.rays.at(surface.z_mm))
-        z = np.full_like(x, surface.z_mm / _LENGTH)
+        z = np.full_like(x, surface.z_mm) / _LENGTH
         phi = surface.phase_rad[good]
         weight = 1.0 / np.sqrt(phi.size)
         rows.append(weight * np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]))
@@ -127,34 +142,51 @@ _UNITS = np.array([_LENGTH, _LENGTH, _LENGTH, 1.0, _LENGTH, _LENGTH, _LENGTH])
 
 
 def _jacobian(model: RigModel, surface: PhasePoints) -> Array:
-    """Derivatives of the phase by the seven numbers, in solver units, shape (n, 7)."""
-    x, y = surface.rays.at(surface.z_mm)
+    """Derivatives of the phase by the seven numbers, in solver units, then by the surface's doubts."""
+    rays = surface.rays
+    x, y = rays.at(surface.z_mm)
     z = np.full_like(x, surface.z_mm)
-    d = model.parameters[4:]
+    n, d = model.parameters[:3], model.parameters[4:]
     below = d[0] * x + d[1] * y + d[2] * z + 1
     phi = model.ratio(x, y, z)
-    columns = [x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]
-    return np.column_stack(columns) / below[:, None] / _UNITS
+    columns = np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]) / _UNITS
+    along = n[0] * rays.bx + n[1] * rays.by + n[2] - phi * (d[0] * rays.bx + d[1] * rays.by + d[2])
+    lifts = [along * change for change in surface.doubts_mm]
+    return np.column_stack([columns, *lifts]) / below[:, None]
 
 
-def _weights(surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> list[float]:
-    """Give every surface the same voice, however many pixels it has."""
-    return [1.0 / max(1, int(np.count_nonzero(k))) for _, k in zip(surfaces, keep, strict=True)]
+@dataclass(frozen=True)
+class _Normal:
+    """Normal matrix and right side of the seven numbers and all doubts; scores of every pixel by surface.
+
+    `places` says which columns of the whole each surface's scores belong to.
+    """
+
+    matrix: Array
+    right: Array
+    scores: list[Array]
+    places: list[NDArray[np.intp]]
 
 
 def _normal(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]
-) -> tuple[Array, Array, list[Array]]:
-    """Return the normal matrix, the right side and every pixel's score, shape (n, 7)."""
-    matrix, right = np.zeros((7, 7)), np.zeros(7)
-    scores = []
-    for surface, good, weight in zip(surfaces, keep, _weights(surfaces, keep), strict=True):
-        jacobian = _jacobian(model, surface)[good]
-        score = weight * jacobian * _misfit(model, surface)[good][:, None]
-        matrix += weight * jacobian.T @ jacobian
-        right += score.sum(axis=0)
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> _Normal:
+    """Gather the normal equations; every surface has the same voice, every doubt is an observation of zero."""
+    ends = 7 + np.cumsum([len(d) for d in doubts])
+    prior = np.concatenate([np.zeros(7), np.ones(ends[-1] - 7)])
+    matrix, right = np.diag(prior), -prior * np.concatenate([np.zeros(7), *doubts])
+    scores, places = [], []
+    for surface, good, doubt, end in zip(surfaces, keep, doubts, ends, strict=True):
+        lifted = surface.lifted(doubt)
+        weight = 1.0 / (max(1, int(np.count_nonzero(good))) * _VOICE_RAD**2)
+        place = np.concatenate([np.arange(7), np.arange(end - len(doubt), end)])
+        jacobian = _jacobian(model, lifted)[good]
+        score = weight * jacobian * _misfit(model, lifted)[good][:, None]
+        matrix[np.ix_(place, place)] += weight * jacobian.T @ jacobian
+        right[place] += score.sum(axis=0)
         scores.append(score)
-    return matrix, right, scores
+        places.append(place)
+    return _Normal(matrix, right, scores, places)
 
 
 def _inverse(matrix: Array) -> Array:
@@ -169,9 +201,13 @@ def _inverse(matrix: Array) -> Array:
     return np.linalg.inv(scaled) / np.outer(size, size)
 
 
-def _improve(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> RigModel:
-    matrix, right, _ = _normal(model, surfaces, keep)
-    return RigModel(model.parameters + _inverse(matrix) @ right / _UNITS, model.projector_mm, model.residual)
+def _improve(
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> tuple[RigModel, list[Array]]:
+    normal = _normal(model, surfaces, keep, doubts)
+    step = _inverse(normal.matrix) @ normal.right
+    better = RigModel(model.parameters + step[:7] / _UNITS, model.projector_mm, model.residual)
+    return better, [d + step[place[7:]] for d, place in zip(doubts, normal.places, strict=True)]
 
 
 def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
@@ -181,19 +217,22 @@ def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_],
     return RigModel(model.parameters, model.projector_mm, residual)
 
 
-def _report(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]]) -> RigFit:
-    matrix, _, scores = _normal(model, surfaces, keep)
-    inverse = _inverse(matrix)
-    meat, number = np.zeros((7, 7)), 0
-    for surface, good, score in zip(surfaces, keep, scores, strict=True):
+def _report(
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> RigFit:
+    normal = _normal(model, surfaces, keep, doubts)
+    inverse = _inverse(normal.matrix)
+    meat, number = np.zeros_like(inverse), 0
+    for surface, good, score, place in zip(surfaces, keep, normal.scores, normal.places, strict=True):
         labels, index = np.unique(surface.cluster[good], return_inverse=True)
-        sums = np.zeros((labels.size, 7))
+        sums = np.zeros((labels.size, place.size))
         np.add.at(sums, index, score)
         sums -= sums.mean(axis=0)
-        meat += sums.T @ sums * labels.size / max(1, labels.size - 1)
+        meat[np.ix_(place, place)] += sums.T @ sums * labels.size / max(1, labels.size - 1)
         number += labels.size
-    covariance = inverse @ meat @ inverse / np.outer(_UNITS, _UNITS)
-    residuals = tuple(np.where(good, _misfit(model, s), np.nan) for s, good in zip(surfaces, keep, strict=True))
+    covariance = (inverse @ meat @ inverse)[:7, :7] / np.outer(_UNITS, _UNITS)
+    misfits = (_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True))
+    residuals = tuple(np.where(good, m, np.nan) for m, good in zip(misfits, keep, strict=True))
     everything = np.concatenate([r[np.isfinite(r)] for r in residuals])
     return RigFit(
         model=model,
@@ -202,4 +241,5 @@ def _report(model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDA
         rms_rad=float(np.sqrt(np.mean(everything**2))),
         plate_rms_rad=float(np.sqrt(np.nanmean(residuals[0] ** 2))),
         dof=max(1, number - 7),
+        doubts=tuple(doubts),
     )

@@ -9,13 +9,13 @@ from fringecal.camera.plate import PlateCamera
 from fringecal.errors import FitError
 from fringecal.projection.fit import PhasePoints
 from fringecal.projection.order import OrderDecision, decide_order
+from fringecal.projection.sampling import pick_points
 from fringecal.projection.strips import StripPhase, numberings
 
 Array = NDArray[np.float64]
 
 _POINTS_PER_PIECE = 1_500
 _PLATE_POINTS = 16_000
-_BLOCK_PX = 24  # side of the blocks of neighbours whose residuals hang together
 _CLEARLY = 2.0  # residuals with another item's heights are at least this many times those with the right ones
 
 
@@ -110,11 +110,8 @@ def _piece(
 
 
 def _sampled(phase: Array, inside: NDArray[np.bool_], camera: PlateCamera, z_mm: float, number: int) -> PhasePoints:
-    v, u = np.nonzero(inside)
-    chosen = np.random.default_rng(2008).permutation(v.size)[:number]
-    v, u = v[chosen], u[chosen]
-    cluster = (v // _BLOCK_PX) * 100_000 + u // _BLOCK_PX
-    return PhasePoints(camera.rays(u.astype(float), v.astype(float)), z_mm, phase[v, u], cluster.astype(np.intp))
+    u, v, cluster = pick_points(inside, number)
+    return PhasePoints(camera.rays(u, v), z_mm, phase[v.astype(int), u.astype(int)], cluster)
 
 
 def _best(found: list[tuple[tuple[int, ...], OrderDecision]]) -> tuple[tuple[int, ...], OrderDecision]:

@@ -53,6 +53,7 @@ def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
         gray_paths=draft.gray_files,
         gray_sha256=_hashes(draft, draft.gray_files),
         channel=table.channel or channel,
+        use=table.use or ("calibration" if table.kind == "strips" else "verification"),
     )
 
 

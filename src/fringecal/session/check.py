@@ -93,6 +93,7 @@ def _faults(folder: Path, parsed: Parsed, drafts: Sequence[Draft], levels: Seque
         yield from consistency.count_faults(draft)
         yield from consistency.target_faults(draft)
         yield from consistency.period_faults(draft)
+        yield from consistency.use_faults(draft)
         yield from comparison.colour_faults(draft, parsed.sound_document.camera.channel)
         yield from level.faults
         yield from comparison.exposure_faults(draft, level.value)

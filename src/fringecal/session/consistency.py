@@ -18,6 +18,7 @@ _TARGETS_OF = {
     "strips": frozenset({"strips"}),
     "artefact": frozenset({"zigzag", "steps", "wedge", "box", "sphere", "ball-bar", "strips", "flat"}),
 }
+_USED_BY_CHOICE = frozenset({"strips", "artefact"})
 _NEEDS_TARGET = frozenset({"grid", "board", "strips", "artefact"})
 _SAME_STEP_DIGITS = 6  # of a degree: far below any step that a rig can make
 
@@ -117,6 +118,14 @@ def target_faults(draft: Draft) -> Iterator[Fault]:
     if draft.target is not None and wanted and draft.target.kind not in wanted:
         found = f'"{draft.table.target}" is of kind {draft.target.kind}, but the capture of kind {kind}'
         yield Fault(where, found, f"name a target of kind {kinds}, or correct the capture's kind")
+
+
+def use_faults(draft: Draft) -> Iterator[Fault]:
+    """See that only an artefact says what it is used for: what other captures are for is their kind."""
+    if draft.broken & {"kind", "use"} or draft.table.use is None or draft.table.kind in _USED_BY_CHOICE:
+        return
+    found = f'use = "{draft.table.use}" in a capture of kind {draft.table.kind}'
+    yield Fault(f"{draft.label}: use", found, f"leave it out; only {joined(sorted(_USED_BY_CHOICE))} have a choice")
 
 
 def period_faults(draft: Draft) -> Iterator[Fault]:

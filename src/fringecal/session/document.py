@@ -11,6 +11,7 @@ FILE_NAME = "session.toml"
 
 Kind = Literal["grid", "board", "reference", "strips", "artefact", "object"]
 Channel = Literal["mean", "red", "green", "blue", "luma"]
+Use = Literal["calibration", "verification"]
 KINDS: tuple[str, ...] = get_args(Kind)
 
 Bits = Annotated[int, Field(ge=8, le=16)]
@@ -67,7 +68,8 @@ class CaptureTable(_Table):
 
     `images` are in the order repeat, then period, then step (the step changes fastest). An empty
     `steps_deg` says that the pictures are not phase-shifted. `gray` lists Gray-code pictures, the
-    coarsest bit first.
+    coarsest bit first. `use` says whether an artefact takes part in the calibration or stays independent of
+    it, for verification: strips take part unless told otherwise, other artefacts stay out.
     """
 
     name: Annotated[str, Field(pattern=r"^[^\s/\\][^/\\]*$")]
@@ -78,6 +80,7 @@ class CaptureTable(_Table):
     periods: Annotated[list[Annotated[FiniteFloat, Field(gt=0)]], Field(min_length=1)] | None = None
     gray: list[Text] | None = None
     repeat: Annotated[int, Field(ge=1)] = 1
+    use: Use | None = None
     bits: Bits | None = None
     channel: Channel | None = None
 

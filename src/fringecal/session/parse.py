@@ -58,6 +58,7 @@ _NEEDED = {
     "bits": "write the camera's true bits per pixel, 8 to 16",
     "channel": 'write one of "mean", "red", "green", "blue", "luma"',
     "repeat": "write how often the whole set was taken, 1 or more",
+    "use": 'write "calibration" or "verification", or leave it out',
     "periods": "list the fringe periods in file order, all greater than zero",
     "value": "write a finite number, or a list of them",
     "u": "state the standard uncertainty, zero or more",

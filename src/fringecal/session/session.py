@@ -63,6 +63,8 @@ class Capture:
         Bits of the container, 8 or 16, and the value of a saturated pixel.
     channel
         Rule by which colour becomes grey, or None.
+    use
+        "calibration" for what the rig is fitted to, "verification" for what must stay independent of that fit.
     """
 
     name: str
@@ -79,6 +81,7 @@ class Capture:
     gray_paths: tuple[Path, ...] = ()
     gray_sha256: tuple[str, ...] = ()
     channel: str | None = None
+    use: str = "verification"
 
     def read(self) -> np.ndarray:
         """Read all frames: (N, H, W), uint8 or uint16, read-only, kept after the first call.

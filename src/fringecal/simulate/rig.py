@@ -152,6 +152,7 @@ class CaptureSpec(_Part):
     name: str
     kind: CAPTURE_KINDS
     target: str | dict[str, Any] | None = None
+    use: Literal["calibration", "verification"] | None = None
     position_mm: Pair = (0.0, 0.0)
     direction: Literal["columns", "rows"] = "columns"
     rotation_deg: FiniteFloat = 0.0

@@ -129,6 +129,8 @@ def _capture_table(rig: RigSpec, capture: CaptureSpec) -> dict[str, Any]:
     table: dict[str, Any] = {"name": capture.name, "kind": capture.kind}
     if capture.target is not None:
         table["target"] = _target_file(capture) if isinstance(capture.target, dict) else capture.target
+    if capture.use is not None:
+        table["use"] = capture.use
     return table | {"images": _file_names(rig, capture)}
 
 
