@@ -62,7 +62,7 @@ sets(("camera.hieght_mm", '"height_mm"'), "camera_key_misspelt",
      table("camera", hieght_mm={"value": 1.0, "u": 1.0}))  # fmt: skip
 sets(('capture "bars"', "imags", '"images"'), "capture_key_misspelt",
      lambda bench: bench.capture("bars").update(imags=bench.capture("bars").pop("images")))  # fmt: skip
-sets(('capture "grid"', "use", "artefact and strips"), "use_of_a_grid", capture("grid", use="calibration"))
+sets(('capture "grid"', "use", "only artefact, strips"), "use_of_a_grid", capture("grid", use="calibration"))
 sets(('capture "bars"', '"calibration" or "verification"'), "use_unknown", capture("bars", use="both"))
 sets(("height_mm", "1500"), "quantity_without_u", table("camera", height_mm=1500.0))
 sets(("height_mm", "negative"), "negative_u", table("camera", height_mm={"value": 1500.0, "u": -1.0}))
