@@ -141,6 +141,25 @@ class Observations:
             made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
         return made
 
+    def thinned(self, number: int) -> "Observations":
+        """Return at most so many points of every surface, drawn evenly."""
+        rng = np.random.default_rng(2008)
+        chosen = [np.sort(rng.permutation(u.size)[:number]) for u in self.u_px]
+
+        def few(values: Sequence[Array]) -> tuple[Array, ...]:
+            return tuple(v[c] if np.ndim(v) else v for v, c in zip(values, chosen, strict=True))
+
+        doubts = tuple(
+            tuple(replace(d, change_mm=few([d.change_mm] * len(chosen))[i]) for d in row)  # type: ignore[list-item]
+            for i, row in enumerate(self.doubts)
+        )
+        relief = few(self.relief_mm) if self.relief_mm else ()  # type: ignore[arg-type]
+        clusters = tuple(k[c] for k, c in zip(self.cluster, chosen, strict=True))
+        return replace(
+            self, u_px=few(self.u_px), v_px=few(self.v_px), phase_rad=few(self.phase_rad),
+            cluster=clusters, relief_mm=relief, doubts=doubts,
+        )  # fmt: skip
+
     def joined(self, other: "Observations") -> "Observations":
         """Return these surfaces followed by those of another."""
         return Observations(

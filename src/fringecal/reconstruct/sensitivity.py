@@ -11,9 +11,8 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from fringecal.camera.plate import Rays
 from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.models import height_model
+from fringecal.projection.models import height_changes
 
 Array = NDArray[np.float64]
 
@@ -98,9 +97,8 @@ def height_sensitivities(
     shape = (calibration.camera.height_px, calibration.camera.width_px)
     v, u = (np.rint((1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) / 2 * (n - 1)) for n in shape)
     uu, vv = np.meshgrid(u, v)
-    rays = calibration.camera.rays(uu, vv)
     unit = np.cos(np.pi * (np.arange(_HEIGHTS) + 0.5) / _HEIGHTS)
-    samples = _changes(calibration, model, middle + half * unit, uu, vv, rays)
+    samples = height_changes(calibration, (middle + half * unit)[:, None, None], uu, vv, model=model)
     places = (unit, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
     return Sensitivities(
         causes=tuple(mode.label for mode in calibration.modes),
@@ -109,20 +107,6 @@ def height_sensitivities(
         shape=shape,
         z_range_mm=(middle - half, middle + half),
     )
-
-
-def _changes(calibration: RigCalibration, model: str, z_mm: Array, u: Array, v: Array, rays: Rays) -> Array:
-    """Change of z by every mode at all heights, shape (K, heights, nodes, nodes)."""
-    z = np.broadcast_to(z_mm[:, None, None], (z_mm.size, *u.shape))
-    x, y = rays.at(z)
-    phase = calibration.model.phase(x, y, z)
-    base = height_model(calibration, model).height(phase, rays)
-    rows = []
-    for mode in calibration.modes:
-        moved = calibration.shifted(mode)
-        change = height_model(moved, model).height(phase, moved.camera.rays(u, v)) - base
-        rows.append(np.where(np.isfinite(change), change, 0.0))
-    return np.stack(rows) if rows else np.zeros((0, *z.shape))
 
 
 def _fitted(samples: Array, s: Array, v: Array, u: Array) -> Array:
