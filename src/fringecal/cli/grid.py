@@ -1,14 +1,14 @@
 """`fringecal grid`: the lines of a grid picture, the scale they give, and whether the lens bends them."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import typer
 from rich.table import Table
 
-from fringecal.camera.distortion import DistortionTest, examine_distortion
+from fringecal.camera.distortion import Centre, DistortionTest, examine_distortion
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
@@ -37,7 +37,7 @@ def grid(
     image: Path = typer.Argument(..., help="Picture of the grid.", show_default=False),
     target: str | None = typer.Option(None, "--target", help="Line grid: a shipped name or a TOML file."),
     polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines."),
-    centre: str = typer.Option("image", "--centre", help="Centre of distortion: image or free."),
+    centre: str = typer.Option("auto", "--centre", help="Centre of distortion: auto, image or free."),
     out: Path | None = typer.Option(None, "--out", help="Folder for tables (CSV) and figures (PNG)."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-grid/1)."),
 ) -> None:
@@ -61,10 +61,10 @@ def _polarity(text: str) -> Polarity:
     raise typer.BadParameter(f"{text!r} is none of auto, dark, light", param_hint="--polarity")
 
 
-def _centre(text: str) -> Literal["image", "free"]:
-    if text in ("image", "free"):
+def _centre(text: str) -> Centre:
+    if text in ("auto", "image", "free"):
         return text  # type: ignore[return-value]
-    raise typer.BadParameter(f"{text!r} is neither image nor free", param_hint="--centre")
+    raise typer.BadParameter(f"{text!r} is none of auto, image, free", param_hint="--centre")
 
 
 def _line_grid(name: str) -> LineGrid:
@@ -132,6 +132,7 @@ def _document(image: Path, detection: GridDetection, scale: ThesisScale | None, 
             "detection_limit_px": test.detection_limit_px,
             "p_value": test.p_value,
             "centre_px": list(test.lens.centre_px),
+            "u_centre_px": None if test.centre is None else [one.u for one in test.centre],
             "coefficients": {name: {"value": e.value, "u": e.u} for name, e in test.coefficients.items()},
             "half_diagonal_px": test.lens.half_diagonal_px,
         },
@@ -168,7 +169,7 @@ def _show(document: dict[str, Any], scale: ThesisScale | None) -> None:
         _say("no scale: name the grid with --target")
     largest = test["max_px"]
     _say(
-        f"distortion: {test['verdict']}; {largest['value']:+.3f} px (u = {largest['u']:.3f}) at the outermost "
+        f"distortion: {test['verdict']}; {largest['value']:.3f} px (u = {largest['u']:.3f}) at the outermost "
         f"crossing, p = {test['p_value']:.2g}, detection limit {test['detection_limit_px']:.3f} px"
     )
     rms = document["straightness_rms_px"]

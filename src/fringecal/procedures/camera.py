@@ -3,23 +3,17 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from scipy import special
-
+from fringecal.camera.distortion import DistortionTest, examine_distortion
+from fringecal.camera.grid_camera import fit_grid_camera
 from fringecal.camera.lens import Lens
-from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
+from fringecal.camera.plate_fit import CameraFit
 from fringecal.camera.scale import ThesisScale, thesis_scale
-from fringecal.camera.verdict import DistortionVerdict, distortion_verdict
 from fringecal.detect.grid import GridDetection, find_grid
-from fringecal.errors import FitError, SessionError
+from fringecal.errors import SessionError
 from fringecal.procedures.lens import KnownLens, known_lens
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
-from fringecal.targets.geometry import grid_points_mm
 from fringecal.uncertainty.estimates import Estimate
-
-_DISTORTION = (("k1",), ("k1", "k2"), ("k1", "k2", "p1", "p2"))
-_CHANCE = 0.001
 
 
 @dataclass(frozen=True)
@@ -30,7 +24,7 @@ class CameraFindings:
     target: LineGrid
     detection: GridDetection
     fit: CameraFit
-    distortion: DistortionVerdict
+    distortion: DistortionTest
     tables: ThesisScale
     lens: KnownLens | None = None
 
@@ -68,56 +62,17 @@ def measure_camera(session: Session) -> CameraFindings:
     detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
     lens = known_lens(session)
     fit = fit_camera(session, capture.target, detection, None if lens is None else lens.lens)
-    points = np.column_stack([detection.u_px, detection.v_px])
     tables = thesis_scale(detection, capture.target.pitch_mm.estimate("grid pitch", "mm"))
-    return CameraFindings(capture, capture.target, detection, fit, distortion_verdict(fit, points), tables, lens)
+    return CameraFindings(capture, capture.target, detection, fit, examine_distortion(detection), tables, lens)
 
 
 def fit_camera(session: Session, target: LineGrid, detection: GridDetection, lens: Lens | None = None) -> CameraFit:
-    """Fit the camera to a detected grid with what the session states of it.
-
-    Terms of distortion beyond k1 are let in one set after the other, while each makes the residual smaller
-    than chance would (F-test at 0.1 %).
-    """
+    """Fit the camera to a detected grid with what the session states of it."""
     known = session.camera
-    x, y = grid_points_mm(detection.column, detection.row, target.pitch_mm.values[0])
-    height = None
-    if known.height_mm is not None:
-        height = known.height_mm.estimate("camera height", "mm")
-
-    def solve(distortion: tuple[str, ...]) -> CameraFit:
-        return fit_plate_camera(
-            np.column_stack([detection.u_px, detection.v_px]),
-            np.column_stack([x, y]),
-            detection.shape,
-            pitch_rel_u=target.pitch_mm.us[0] / target.pitch_mm.values[0],
-            sigma_px=detection.sigma_px,
-            height_mm=height,
-            telecentric=known.telecentric,
-            lens=lens,
-            distortion=distortion,
-            index=(detection.row, detection.column),
-        )
-
-    best = solve(_DISTORTION[0])
-    if lens is not None:
-        return best
-    for terms in _DISTORTION[1:]:
-        try:
-            richer = solve(terms)
-        except FitError:  # a long lens shows the grid too flat for these terms: they are not there to be seen
-            break
-        if not _explains_more(best, richer):
-            break
-        best = richer
-    return best
-
-
-def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:
-    """Tell whether the richer fit's residual is smaller than its further terms explain by chance."""
-    if richer.dof < 1 or plain.dof <= richer.dof:
-        return richer.dof >= 1 and richer.rms_px < 0.9 * plain.rms_px
-    squares = (plain.rms_px**2 * plain.dof, richer.rms_px**2 * richer.dof)
-    added = plain.dof - richer.dof
-    ratio = (squares[0] - squares[1]) / added / (squares[1] / richer.dof)
-    return bool(special.fdtrc(added, richer.dof, max(ratio, 0.0)) < _CHANCE)
+    return fit_grid_camera(
+        detection,
+        target.pitch_mm.estimate("grid pitch", "mm"),
+        height_mm=None if known.height_mm is None else known.height_mm.estimate("camera height", "mm"),
+        telecentric=known.telecentric,
+        lens=lens,
+    )

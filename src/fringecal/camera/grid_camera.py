@@ -1,0 +1,81 @@
+"""The camera on the plate from one picture of a grid: as many terms of distortion as the picture shows."""
+
+import numpy as np
+from scipy import special
+
+from fringecal.camera.lens import Lens
+from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
+from fringecal.detect.grid import GridDetection
+from fringecal.errors import FitError
+from fringecal.targets.geometry import grid_points_mm
+from fringecal.uncertainty.estimates import Estimate
+
+_DISTORTION = (("k1",), ("k1", "k2"), ("k1", "k2", "p1", "p2"))
+_CHANCE = 0.001
+
+
+def fit_grid_camera(
+    detection: GridDetection,
+    pitch_mm: Estimate,
+    *,
+    height_mm: Estimate | None = None,
+    telecentric: bool = False,
+    lens: Lens | None = None,
+) -> CameraFit:
+    """Fit the camera to a detected grid, with what is stated of it.
+
+    Terms of distortion beyond k1 are let in one set after the other, while each makes the residual smaller
+    than chance would (F-test at 0.1 %).
+
+    Parameters
+    ----------
+    detection
+        The grid found in the picture.
+    pitch_mm
+        Distance of neighbouring lines, mm.
+    height_mm, telecentric, lens
+        What is known of the camera, as in `fit_plate_camera`.
+
+    Raises
+    ------
+    FitError
+        The grid does not determine the camera.
+    """
+    points_mm = np.column_stack(grid_points_mm(detection.column, detection.row, pitch_mm.value))
+
+    def solve(distortion: tuple[str, ...]) -> CameraFit:
+        return fit_plate_camera(
+            np.column_stack([detection.u_px, detection.v_px]),
+            points_mm,
+            detection.shape,
+            pitch_rel_u=pitch_mm.u / pitch_mm.value,
+            sigma_px=detection.sigma_px,
+            height_mm=height_mm,
+            telecentric=telecentric,
+            lens=lens,
+            distortion=distortion,
+            index=(detection.row, detection.column),
+        )
+
+    best = solve(_DISTORTION[0])
+    if lens is not None:
+        return best
+    for terms in _DISTORTION[1:]:
+        try:
+            richer = solve(terms)
+        except FitError:  # a long lens shows the grid too flat for these terms: they are not there to be seen
+            break
+        if not _explains_more(best, richer):
+            break
+        best = richer
+    return best
+
+
+def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:
+    """Tell whether the richer fit's residual is smaller than its further terms explain by chance."""
+    if richer.dof < 1 or plain.dof <= richer.dof:
+        return richer.dof >= 1 and richer.rms_px < 0.9 * plain.rms_px
+    squares = (plain.rms_px**2 * plain.dof, richer.rms_px**2 * richer.dof)
+    added = plain.dof - richer.dof
+    ratio = (squares[0] - squares[1]) / added / (squares[1] / richer.dof)
+    return bool(special.fdtrc(added, richer.dof, max(ratio, 0.0)) < _CHANCE)
