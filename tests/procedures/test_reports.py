@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fringecal.procedures.angle import angles_of
 from fringecal.procedures.measurement import reconstruct
 from fringecal.procedures.report_angle import angle_section, heights_table
 from fringecal.procedures.report_commission import commission_report
@@ -144,7 +145,7 @@ def test_parallel_light_has_no_position(oblique):
 
 
 def test_no_columns_is_said_not_drawn(oblique):
-    angle = angle_section(replace(oblique.found, columns=()))
+    angle = angle_section(replace(angles_of(oblique.found), columns=(), rows=()))
     assert angle.figures == ()
     assert "No column" in angle.sentences[-1]
 

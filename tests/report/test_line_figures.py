@@ -52,7 +52,7 @@ def test_angles_have_95_percent_bars_and_state_their_convention():
     axes = figure.axes[0]
     assert axes.get_ylabel() == "angle from the plate's normal / deg"
     segments = axes.collections[0].get_segments()
-    np.testing.assert_allclose([np.ptp(segment[:, 1]) for segment in segments], 2 * 1.96 * 0.1, rtol=1e-3)
+    np.testing.assert_allclose([np.ptp(segment[:, 1]) for segment in segments], 2 * 0.1, rtol=1e-3)
     assert any("theory" in text for text in legend(figure))
     assert not any("apparent" in text for text in legend(figure))
 

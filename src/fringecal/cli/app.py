@@ -19,6 +19,7 @@ VERBS = (
     "grid",
     "lens",
     "phase",
+    "angle",
     "commission",
     "verify",
     "reconstruct",

@@ -30,9 +30,10 @@ from fringecal.projection.angle import (
     theoretical_angle,
 )
 from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
-from fringecal.projection.columns import ColumnAngle, column_angles
+from fringecal.projection.columns import ColumnAngle, both_axes
 from fringecal.projection.fit import RigFit
 from fringecal.projection.order import OrderDecision
+from fringecal.projection.phase_breaks import phase_breaks
 from fringecal.projection.sampling import pick_points
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
@@ -44,7 +45,6 @@ Progress = Callable[[str], None]
 
 _POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
 _LEAST_POINTS = 100  # of a surface; fewer say nothing beside the others
-_COLUMNS = 9
 
 
 @dataclass(frozen=True)
@@ -242,6 +242,7 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
     angle, budget = angle_estimate(calibration)
     apparent, _ = angle_estimate(calibration, apparent=True)
     stated = projector_of(session)
+    breaks = phase_breaks(calibration, observations, strips.regions.labels, surfaces=len(orders))
     return Commissioning(
         session=session,
         camera=camera,
@@ -257,42 +258,6 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
         apparent=apparent,
         theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
         pitch_mm=float(fringe_pitch_mm(calibration.model)),
-        columns=_columns(strips, observations, calibration, budget, stated),
+        columns=both_axes(calibration, breaks, projector=stated)[0],
         plate_phase_rad=plate_phase,
     )
-
-
-def _columns(
-    strips: StripPhase,
-    observations: Observations,
-    calibration: RigCalibration,
-    budget: dict[str, float],
-    stated: ProjectorPosition | None,
-) -> tuple[ColumnAngle, ...]:
-    """Angles at strip centres where strips run along columns, else at columns spread over the picture."""
-    if abs(strips.regions.direction_deg - 90) < 45:
-        columns, half = _strip_columns(strips)
-    else:
-        width = strips.step_rad.shape[1]
-        columns, half = np.linspace(0.1, 0.9, _COLUMNS) * width, 0.02 * width
-    systematic = np.sqrt(sum(c**2 for label, c in budget.items() if label != "phase scatter"))
-    surfaces = observations.surfaces(calibration.camera)
-    largest = max(range(1, len(surfaces)), key=lambda i: surfaces[i].phase_rad.size)
-    return column_angles(
-        calibration,
-        surfaces[largest],
-        columns,
-        observations.u_px[largest],
-        half_width_px=half,
-        systematic_deg=float(systematic),
-        projector=stated,
-    )
-
-
-def _strip_columns(strips: StripPhase) -> tuple[Array, float]:
-    """Return the picture columns at which upright strips cross the middle rows, and half of their width."""
-    rows = strips.regions.labels.shape[0]
-    middle = strips.regions.labels[int(0.4 * rows) : int(0.6 * rows) + 1]
-    seen = [k for k in strips.regions.seen if np.any(middle == k)]
-    half = float(np.median(np.ptp(strips.regions.edges_px, axis=1))) / 2
-    return np.array([np.nonzero(middle == k)[1].mean() for k in seen]), half

@@ -1,86 +1,180 @@
-"""The last part of a commissioning report: the projection angle over the field, and what is uncertain."""
+"""The projection angle in reports: tables 3.5 and 3.6, breaks over the picture; and what is uncertain in a rig."""
 
 import math
+from datetime import datetime
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.procedures.angle import AngleFindings, angle_map
 from fringecal.procedures.commission import Commissioning
-from fringecal.procedures.report_parts import budget_table
-from fringecal.procedures.report_rig import field_mm
+from fringecal.procedures.report_parts import budget_table, concise, inputs_of_capture
+from fringecal.procedures.report_rig import field_mm, rig_figure
+from fringecal.projection.breaks import OFF
 from fringecal.projection.calibration import RigCalibration
-from fringecal.report.figures_angle import angle_plot
+from fringecal.projection.columns import ColumnAngle
+from fringecal.records.provenance import software_versions
+from fringecal.report.figures_angle import angle_field, angle_plot, breaks_overlay
 from fringecal.report.figures_tables import budget_bars
-from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.structure import Decision, Fact, FigureItem, Report, Section, Table, Verdict
 
 Array = NDArray[np.float64]
 
-_COLUMNS = {
-    "u_px": ("u / px", ".0f"),
-    "x_mm": ("x / mm", ".1f"),
-    "breaks": ("breaks", "d"),
-    "angle_deg": ("angle / deg", ".3f"),
-    "u_deg": ("u / deg", ".3f"),
-    "apparent_deg": ("apparent / deg", ".3f"),
-    "theory_deg": ("theory / deg", ".3f"),
-    "u_theory_deg": ("u(theory) / deg", ".3f"),
-    "difference_deg": ("difference / deg", "+z.3f"),
-    "en": ("En", "+z.2f"),
+_CONVENTION = "angles from the plate's normal, in the plane across the local fringe"
+_FORMATS = {
+    "u / px": ".0f",
+    "v / px": ".0f",
+    "x / mm": ".1f",
+    "y / mm": ".1f",
+    "breaks": "d",
+    "shift / px": "+z.3f",
+    "shift / mm": "+z.3f",
+    "angle / deg": ".3f",
+    "u / deg": ".3f",
+    "dof": ".3g",
+    "apparent / deg": ".3f",
+    "theory / deg": ".3f",
+    "u(theory) / deg": ".3f",
+    "apparent in theory / deg": ".3f",
+    "difference / deg": "+z.3f",
+    "En": "+z.2f",
 }
 
 
-def angle_section(found: Commissioning) -> Section:
+def angle_report(found: AngleFindings, *, command: str = "", created: datetime | None = None) -> Report:
+    """Return the report of `fringecal angle`.
+
+    Parameters
+    ----------
+    found
+        What the breaks say.
+    command
+        Command line that made it.
+    created
+        Time of writing, with its zone.
+    """
+    moved = found.displacement
+    decision: Decision = "info" if moved is None else "pass" if moved.agrees else "conditionalFail"
+    facts = [
+        Fact("Projection angle", concise(found.angle), "at the plate's origin, from the normal"),
+        Fact("Apparent angle", concise(found.apparent), "what a break shows there, the camera's own angle included"),
+    ]
+    if found.theory is not None:
+        facts.append(Fact("Angle in theory", concise(found.theory), "from the stated positions"))
+    captures = [found.camera.capture, found.session.one("strips")]
+    return Report(
+        title=f"Projection angle of {found.session.rig}",
+        subtitle=f"Captured {found.session.captured:%Y-%m-%d %H:%M}; {found.estimator} estimator",
+        verdict=Verdict(decision, found.sentences[-1]),
+        facts=tuple(facts),
+        sections=(angle_section(found), _breaks_section(found), _rig_section(found)),
+        inputs=tuple(file for capture in captures for file in inputs_of_capture(capture)),
+        versions=software_versions(),
+        command=command,
+        created=created,
+    )
+
+
+def angle_section(found: AngleFindings) -> Section:
     """Give the projection angle over the field, from the strips' breaks, beside theory."""
     sentences = (
         "The projection angle is measured from the plate's normal, in the plane across the local fringe; the apparent "
         "angle is what a fringe's break shows to the camera, the camera's own angle included.",
-        found.angle_sentence,
+        *found.sentences,
     )
-    if not found.columns:
+    tables, figures = [], []
+    for rows, name, place in ((found.columns, "column", "x"), (found.rows, "row", "y")):
+        if rows:
+            line = f"on the line {'y' if place == 'x' else 'x'} = 0"
+            note = f"{line}; {_CONVENTION}; theory from the stated positions"
+            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS))
+            figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
+    if not tables:
         return Section("Projection angle", (*sentences, "No column of the picture crosses enough of a strip."))
-    frame = columns_frame(found)
-    formats = dict(_COLUMNS.values())
-    note = "on the line y = 0, from the plate's normal; theory from the stated positions of the projector"
-    table = Table("Projection angle by column", frame, note, formats)
-    figure = angle_plot(
-        np.array([c.x_mm for c in found.columns]),
-        np.array([c.angle.value for c in found.columns]),
-        np.array([c.angle.u for c in found.columns]),
-        theory_deg=_theory(found),
-        apparent_deg=np.array([c.apparent_deg for c in found.columns]),
-    )
-    low, high = (f(c.angle.value for c in found.columns) for f in (min, max))
-    alt = f"Projection angle against x: from {low:.2f} to {high:.2f} deg, with 95 % bars, apparent angle and theory."
-    return Section(
-        "Projection angle", sentences, (table,), (FigureItem("Projection angle over the field", figure, alt),)
-    )
+    return Section("Projection angle", sentences, tuple(tables), tuple(figures))
 
 
-def columns_frame(found: Commissioning) -> pd.DataFrame:
-    """Tabulate the columns (the thesis's tables 3.5 and 3.6 side by side)."""
-    rows = [
+def columns_frame(rows: tuple[ColumnAngle, ...]) -> pd.DataFrame:
+    """Tabulate columns or rows (the thesis's tables 3.5 and 3.6 side by side)."""
+    place = ("u / px", "x / mm") if rows[0].axis == "u" else ("v / px", "y / mm")
+    table = [
         {
-            "u_px": c.u_px,
-            "x_mm": c.x_mm,
+            place[0]: c.u_px,
+            place[1]: c.x_mm,
             "breaks": c.breaks,
-            "angle_deg": c.angle.value,
-            "u_deg": c.angle.u,
-            "apparent_deg": c.apparent_deg,
-            "theory_deg": c.theory.value if c.theory else None,
-            "u_theory_deg": c.theory.u if c.theory else None,
-            "difference_deg": c.difference_deg,
-            "en": c.en,
+            "shift / px": c.shift_px,
+            "shift / mm": c.shift_mm,
+            "angle / deg": c.angle.value,
+            "u / deg": c.angle.u,
+            "dof": c.angle.dof,
+            "apparent / deg": c.apparent_deg,
+            "theory / deg": c.theory.value if c.theory else None,
+            "u(theory) / deg": c.theory.u if c.theory else None,
+            "apparent in theory / deg": c.theory_apparent.value if c.theory_apparent else None,
+            "difference / deg": c.difference_deg,
+            "En": c.en,
         }
-        for c in found.columns
+        for c in rows
     ]
-    frame = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    return frame.set_axis([_COLUMNS[str(key)][0] for key in frame.columns], axis="columns")
+    return pd.DataFrame(table).dropna(axis="columns", how="all")
 
 
-def _theory(found: Commissioning) -> Array | None:
-    theory = [c.theory.value for c in found.columns if c.theory is not None]
-    return np.array(theory) if len(theory) == len(found.columns) else None
+def _angle_figure(rows: tuple[ColumnAngle, ...], caption: str, label: str) -> FigureItem:
+    theory = [(c.theory.value, c.theory.u) for c in rows if c.theory is not None]
+    figure = angle_plot(
+        np.array([c.x_mm for c in rows]),
+        np.array([c.angle.value for c in rows]),
+        np.array([c.angle.expanded().U for c in rows]),
+        theory_deg=np.array(theory) if theory else None,
+        apparent_deg=np.array([c.apparent_deg for c in rows]),
+        position_label=label,
+    )
+    low, high = (f(c.angle.value for c in rows) for f in (min, max))
+    alt = f"Projection angle against {label[0]}: from {low:.2f} to {high:.2f} deg, with 95 % bars, apparent and theory."
+    return FigureItem(caption, figure, alt)
+
+
+def _breaks_section(found: AngleFindings) -> Section:
+    """Show every break in the picture, and tabulate them by strip."""
+    figure = breaks_overlay(found.picture, found.breaks, rows=found.along == "rows")
+    used = int(np.count_nonzero(found.breaks.used))
+    alt = f"The strips' picture with {used} breaks: where each fringe is on the plate, and where on the strip."
+    item = FigureItem("Breaks in the picture", figure, alt, "png")
+    return Section("Breaks", (), (_by_strip(found),), (item,))
+
+
+def _by_strip(found: AngleFindings) -> Table:
+    """Tabulate the breaks by strip: number, usual shift, scatter of the angles."""
+    frame = found.breaks_frame()
+    good = frame[frame["status"] != OFF].groupby("strip")
+    table = pd.DataFrame(
+        {
+            "breaks": good.size(),
+            "left out": frame["status"].eq(OFF).groupby(frame["strip"]).sum(),
+            "mean shift / px": good["shift_px"].mean(),
+            "mean shift / mm": good["shift_mm"].mean(),
+            "u of one / px": good["sigma_px"].median(),
+            "mean angle / deg": good["angle_deg"].mean(),
+            "standard deviation / deg": good["angle_deg"].std(),
+        }
+    ).reset_index()
+    formats = dict.fromkeys(table.columns[3:], ".3f")
+    return Table("Breaks by strip", table, f"all breaks are in breaks.csv; {_CONVENTION}", formats)
+
+
+def _rig_section(found: AngleFindings) -> Section:
+    """Draw the rig to scale, stated and measured, and the angle over the field."""
+    field = angle_map(found.calibration)
+    table = Table("Projection angle over the field", field, _CONVENTION, dict.fromkeys(field.columns, ".3f"))
+    figure = angle_field(found.calibration, field_mm(found.calibration), found.breaks)
+    low, high = field["angle_deg"].min(), field["angle_deg"].max()
+    alt = f"Lines of equal projection angle over the plate, {low:.1f} to {high:.1f} deg, and the breaks' places."
+    item = FigureItem("Projection angle over the field", figure, alt)
+    budget = budget_table("Budget of the projection angle", found.budget, "deg")
+    return Section(
+        "Rig", (found.sentences[-1],), (table, budget), (item, *rig_figure(found.session, found.calibration))
+    )
 
 
 def budgets_section(found: Commissioning) -> Section:

@@ -3,6 +3,7 @@
 import math
 from datetime import datetime
 
+from fringecal.procedures.angle import angles_of
 from fringecal.procedures.checks import commissioning_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.report_angle import angle_section, budgets_section
@@ -43,7 +44,7 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
             phase_section((found.reference, found.strips_capture)),
             strips_section(found, residuals),
             rig_section(found, residuals),
-            angle_section(found),
+            angle_section(angles_of(found)),
             budgets_section(found),
         ),
         inputs=_inputs(found),

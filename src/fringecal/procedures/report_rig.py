@@ -15,6 +15,7 @@ from fringecal.report.figures_maps import classification_overlay, residual_map
 from fringecal.report.figures_rig import Pupil, rig_drawing
 from fringecal.report.structure import FigureItem, Section, Table
 from fringecal.report.style import symmetric_limit
+from fringecal.session import Session
 from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
@@ -193,7 +194,9 @@ def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
         _line_sentence(found),
     )
     tables = (_parameters_table(found.calibration), *_projector_tables(found))
-    return Section("Rig", sentences, tables, (*_residual_figures(found, residuals), *_drawing(found)))
+    return Section(
+        "Rig", sentences, tables, (*_residual_figures(found, residuals), *rig_figure(found.session, found.calibration))
+    )
 
 
 def _counts(residual: Array) -> tuple[int, int]:
@@ -280,27 +283,30 @@ def _residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureI
     return (*items, FigureItem("Smooth plate residual taken up by the model", smooth, alt, "png"))
 
 
-def _drawing(found: Commissioning) -> tuple[FigureItem, ...]:
-    """Draw the rig to scale; parallel light has no place to draw."""
-    projector = projector_estimates(found.calibration)
+def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureItem, ...]:
+    """Draw the rig to scale, as fitted and as stated; parallel light has no place to draw."""
+    projector = projector_estimates(calibration)
     if not projector:
         return ()
-    camera = found.calibration.camera
-    eye = None
+    camera = calibration.camera
+    eye = stated_eye = stated = None
     if not camera.telecentric:
         u_height = math.sqrt(camera.covariance[-1, -1])
-        eye = Pupil("camera", camera.position_mm, np.array([0.0, 0.0, u_height]))
-    stated = None
-    if found.session.projector is not None:
-        position = found.session.projector.position_mm
+        eye = Pupil("camera, fitted", camera.position_mm, np.array([0.0, 0.0, u_height]))
+        if session.camera.height_mm is not None:
+            height = session.camera.height_mm
+            stated_eye = Pupil("camera, stated", np.array([0.0, 0.0, height.values[0]]), np.array([0, 0, height.us[0]]))
+    if session.projector is not None:
+        position = session.projector.position_mm
         stated = Pupil("projector, stated", position.array(3), position.u_array(3))
     place = np.array([e.value for e in projector])
     figure = rig_drawing(
-        field_mm(found.calibration),
+        field_mm(calibration),
         Pupil("projector, fitted", place, np.array([e.u for e in projector])),
         eye,
         stated_projector=stated,
-        title=found.session.rig,
+        stated_camera=stated_eye,
+        title=session.rig,
     )
     where = ", ".join(f"{value:.0f}" for value in place)
     alt = f"Side view and plan of the rig: projector at ({where}) mm, camera above the plate, rays to the corners."

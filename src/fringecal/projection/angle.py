@@ -54,7 +54,7 @@ def theoretical_tangent(
     `tan(theta) = m . (P - X) / P_z` with m the unit vector across the fringe (reference geometry G3).
     """
     x, y = np.asarray(x_mm, float), np.asarray(y_mm, float)
-    mx, my = _across_fringe(model, x, y)
+    mx, my = across_fringe(model, x, y)
     px, py, pz = projector.value_mm
     tangent = (mx * (px - x) + my * (py - y)) / pz
     u = np.sqrt((mx * projector.u_mm[0]) ** 2 + (my * projector.u_mm[1]) ** 2 + (tangent * projector.u_mm[2]) ** 2)
@@ -96,7 +96,7 @@ def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Ar
         Arrays of the points' shape; x and y are the foot of the projector's ray.
     """
     x, y = surface.rays.at(surface.z_mm)
-    mx, my = _across_fringe(model, x, y)
+    mx, my = across_fringe(model, x, y)
     t = np.zeros_like(x)
     for _ in range(4):
         gx, gy, _ = model.gradient(x + t * mx, y + t * my, 0.0)
@@ -116,8 +116,8 @@ def _handed(model: RigModel) -> float:
     return -1.0 if float(gz) > 0 else 1.0
 
 
-def _across_fringe(model: RigModel, x: Array, y: Array) -> tuple[Array, Array]:
-    """Unit vector across the fringe, toward the projector."""
+def across_fringe(model: RigModel, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the unit vector across the fringe at plate points, toward the projector."""
     gx, gy, _ = model.gradient(x, y, 0.0)
     length = np.hypot(gx, gy) * _handed(model)
     return gx / length, gy / length

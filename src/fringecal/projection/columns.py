@@ -1,7 +1,8 @@
-"""Table 3.5: the projection angle column by column, from the fringes' breaks, beside theory (table 3.6)."""
+"""Table 3.5: the projection angle by columns and by rows, from the fringes' breaks; theory (3.6) beside it."""
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,31 +10,43 @@ from numpy.typing import NDArray
 from fringecal.camera.plate import PlateCamera
 from fringecal.projection.angle import (
     ProjectorPosition,
-    angles_from_breaks,
+    angle_estimate,
     apparent_angle,
     projection_tangent,
     theoretical_angle,
 )
+from fringecal.projection.breaks import Breaks
 from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.fit import PhasePoints
+from fringecal.projection.theory import theoretical_apparent
 from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
+Axis = Literal["u", "v"]
 
-_MIN_PIXELS = 30
+_MIN_BREAKS = 4
+_PLACES = 9  # columns or rows along strips
+SCATTER = "phase scatter"  # the cause of a calibration's budget that the breaks' own scatter replaces
 
 
 @dataclass(frozen=True)
 class ColumnAngle:
-    """The projection angle at one picture column, on the line y = 0; angles in deg from the plate's normal."""
+    """The projection angle at one picture column on the line y = 0, or at one row on x = 0; deg from the normal.
+
+    `axis` says which: "u" for a column, "v" for a row; `u_px` is then the row, `x_mm` the place along y. Shifts are
+    means over the breaks as they are, angles are brought to the line. `apparent` and its theory hold the camera's own
+    angle.
+    """
 
     u_px: float
     x_mm: float
     breaks: int
-    pixels: int
+    shift_px: float
+    shift_mm: float
     angle: Estimate
     apparent_deg: float
     theory: Estimate | None
+    theory_apparent: Estimate | None = None
+    axis: Axis = "u"
 
     @property
     def difference_deg(self) -> float | None:
@@ -42,105 +55,159 @@ class ColumnAngle:
 
     @property
     def en(self) -> float | None:
-        """Difference over the root sum of squares of the two expanded uncertainties (k = 2)."""
+        """Difference over the root sum of squares of the two expanded uncertainties (95 %)."""
         if self.theory is None or self.difference_deg is None:
             return None
-        return self.difference_deg / (2 * math.hypot(self.angle.u, self.theory.u))
+        return self.difference_deg / math.hypot(self.angle.expanded().U, self.theory.expanded().U)
 
 
-def column_angles(
+def axis_angles(
     calibration: RigCalibration,
-    strips: PhasePoints,
-    columns_px: Array,
-    u_px: Array,
+    breaks: Breaks,
+    places_px: Array,
     *,
     half_width_px: float,
-    systematic_deg: float,
+    axis: Axis = "u",
+    by_fringe: bool = False,
     projector: ProjectorPosition | None = None,
 ) -> tuple[ColumnAngle, ...]:
-    """Return the angle that the breaks in each column show, reduced to the line y = 0.
-
-    Every pixel of a strip's top within `half_width_px` of the column gives one tangent; a straight line over y,
-    whose slope comes from the rig model, brings them to y = 0. Scatter between blocks of pixels gives u,
-    `systematic_deg` (strip height, scale, camera) is added.
+    """Return the angle that the breaks near each column show, brought to the line y = 0 (or near each row, to x = 0).
 
     Parameters
     ----------
     calibration
-        The rig; its plate phase locates the foot of each break.
-    strips
-        Points on strip tops with absolute phase; `u_px` their columns.
-    columns_px
-        Columns to report.
+        The rig; its slope brings each break to the line, its causes other than scatter are added to u.
+    breaks
+        The breaks; those that are "off" do not count.
+    places_px
+        Columns (rows) to report.
+    half_width_px
+        Breaks that lie no further from a column count for it.
+    axis
+        "u" for columns, "v" for rows.
+    by_fringe
+        True where breaks of one fringe err alike on all strips (whole rows read).
+    projector
+        The stated position, for theory.
     """
-    tangent, x, y = angles_from_breaks(calibration.model, strips)
-    reduced = tangent - projection_tangent(calibration.model, x, y)
+    reduced = breaks.tangent - projection_tangent(calibration.model, breaks.x_mm, breaks.y_mm)
+    along = breaks.u_px if axis == "u" else breaks.v_px
+    cluster = np.rint(2 * breaks.fringe).astype(np.intp)
+    if not by_fringe:
+        cluster = cluster + 1_000_000 * breaks.strip
     rows = []
-    for column in columns_px:
-        near = (np.abs(u_px - column) <= half_width_px) & np.isfinite(reduced)
-        if np.count_nonzero(near) >= _MIN_PIXELS:
-            rows.append(_column(calibration, strips, column, reduced, near, systematic_deg, projector))
+    for place in places_px:
+        near = (np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced)
+        if np.count_nonzero(near) >= _MIN_BREAKS:
+            offset = clustered_mean(reduced[near], cluster[near])
+            shifts = float(np.mean(breaks.shift_px[near])), float(np.mean(breaks.shift_mm[near]))
+            rows.append(
+                _row(calibration, float(place), axis, (int(np.count_nonzero(near)), *shifts), offset, projector)
+            )
     return tuple(rows)
 
 
-def _column(  # noqa: PLR0913, PLR0917 -- private: one row of the table
+def both_axes(
     calibration: RigCalibration,
-    strips: PhasePoints,
-    column: float,
-    reduced: Array,
-    near: NDArray[np.bool_],
-    systematic_deg: float,
+    breaks: Breaks,
+    *,
+    by_fringe: bool = False,
+    projector: ProjectorPosition | None = None,
+) -> tuple[tuple[ColumnAngle, ...], tuple[ColumnAngle, ...]]:
+    """Tabulate breaks by column and by row: at each strip across the strips, at even places along them."""
+
+    def table(axis: Axis, along_px: Array) -> tuple[ColumnAngle, ...]:
+        places, half = _places(along_px, breaks.strip)
+        return axis_angles(
+            calibration, breaks, places, half_width_px=half, axis=axis, by_fringe=by_fringe, projector=projector
+        )
+
+    return table("u", breaks.u_px), table("v", breaks.v_px)
+
+
+def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
+    """Return where to tabulate, and half of the width: at the strips if they stand side by side here."""
+    groups = [along_px[strip == k] for k in np.unique(strip)]
+    centres = np.array([float(np.mean(g)) for g in groups])
+    apart = float(np.min(np.diff(np.sort(centres)))) if centres.size > 1 else 0.0
+    if apart > 2 * max(float(np.std(g)) for g in groups):
+        return np.sort(centres), apart / 2
+    low, high = np.percentile(along_px, [2, 98])
+    width = (high - low) / _PLACES
+    return low + width * (np.arange(_PLACES) + 0.5), width / 2
+
+
+def _row(  # noqa: PLR0913, PLR0917 -- private: one row of the table
+    calibration: RigCalibration,
+    place: float,
+    axis: Axis,
+    seen: tuple[int, float, float],
+    offset: tuple[float, float, float],
     projector: ProjectorPosition | None,
 ) -> ColumnAngle:
-    x0 = _column_on_axis(calibration.camera, column)
-    offset, u_offset, dof = _robust_mean(reduced[near], strips.cluster[near])
-    tangent = float(projection_tangent(calibration.model, x0, 0.0)) + offset
-    to_deg = math.degrees(1 / (1 + tangent**2))
-    angle = Estimate(
-        math.degrees(math.atan(tangent)),
-        math.hypot(to_deg * u_offset, systematic_deg),
-        "deg",
-        "projection angle",
-        dof,
-    )
-    fringes = np.ptp(strips.phase_rad[near]) / (2 * math.pi)
-    apparent = math.degrees(float(apparent_angle(calibration.model, calibration.camera, x0, 0.0)))
-    model_angle = math.degrees(math.atan(float(projection_tangent(calibration.model, x0, 0.0))))
-    theory = None if projector is None else theoretical_angle(calibration.model, projector, x0, 0.0)
+    x, y = point_on_axis(calibration.camera, place, axis)
+    tangent = float(projection_tangent(calibration.model, x, y))
+    value = math.degrees(math.atan(tangent + offset[0]))
+    angle = _with_causes(calibration, (x, y), value, math.degrees(offset[1] / (1 + tangent**2)), offset[2])
+    apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + offset[0]
+    stated = () if projector is None else (calibration.model, projector)
     return ColumnAngle(
-        u_px=float(column),
-        x_mm=x0,
-        breaks=2 * round(float(fringes)),
-        pixels=int(np.count_nonzero(near)),
+        u_px=place,
+        x_mm=x if axis == "u" else y,
+        breaks=seen[0],
+        shift_px=seen[1],
+        shift_mm=seen[2],
         angle=angle,
-        apparent_deg=apparent + angle.value - model_angle,
-        theory=theory,
+        apparent_deg=math.degrees(math.atan(apparent)),
+        theory=theoretical_angle(*stated, x, y) if stated else None,
+        theory_apparent=theoretical_apparent(*stated, calibration.camera, x, y) if stated else None,
+        axis=axis,
     )
 
 
-def _column_on_axis(camera: PlateCamera, column: float) -> float:
-    """X in mm at which a picture column crosses the line y = 0."""
-    v = camera.centre_px[1]
+def _with_causes(
+    calibration: RigCalibration, point_mm: tuple[float, float], value_deg: float, scatter_deg: float, dof: float
+) -> Estimate:
+    """Join the breaks' own scatter with the causes that all breaks share; degrees of freedom by Welch-Satterthwaite."""
+    _, budget = angle_estimate(calibration, *point_mm)
+    shared = math.sqrt(sum(change**2 for cause, change in budget.items() if cause != SCATTER))
+    u = math.hypot(scatter_deg, shared)
+    effective = dof * (u / scatter_deg) ** 4 if scatter_deg > 0 else math.inf
+    return Estimate(value_deg, u, "deg", "projection angle", effective)
+
+
+def point_on_axis(camera: PlateCamera, place_px: float, axis: Axis = "u") -> tuple[float, float]:
+    """Return the plate point (x, y), mm, at which a picture column crosses y = 0 (or a row crosses x = 0)."""
+    other = camera.centre_px[1 if axis == "u" else 0]
+
+    def rays(at: float) -> tuple[float, float]:
+        ray = camera.rays(place_px, at) if axis == "u" else camera.rays(at, place_px)
+        x, y = float(ray.ax), float(ray.ay)
+        return (x, y) if axis == "u" else (y, x)
+
     for _ in range(4):
-        rays = camera.rays(column, v)
-        below = camera.rays(column, v + 1.0)
-        v -= float(rays.ay) / float(below.ay - rays.ay)
-    return float(camera.rays(column, v).ax)
+        off, further = rays(other)[1], rays(other + 1.0)[1]
+        other -= off / (further - off)
+    on, off = rays(other)
+    return (on, off) if axis == "u" else (off, on)
 
 
-def _robust_mean(values: Array, cluster: NDArray[np.intp]) -> tuple[float, float, float]:
-    """Mean over pixels with u from the scatter of block means; blocks far off are left out."""
+def clustered_mean(values: Array, cluster: NDArray[np.intp]) -> tuple[float, float, float]:
+    """Return the mean, its u from the scatter of the clusters' means, and degrees of freedom.
+
+    Examples
+    --------
+    >>> mean, u, dof = clustered_mean(np.array([1.0, 1.0, 3.0, 3.0]), np.array([0, 0, 1, 1]))
+    >>> mean, round(u, 6), dof
+    (2.0, 1.0, 1.0)
+    """
     _, index = np.unique(cluster, return_inverse=True)
     weight = np.bincount(index).astype(float)
     means = np.bincount(index, weights=values) / weight
-    centre = float(np.median(means))
-    spread = 1.4826 * float(np.median(np.abs(means - centre)))
-    keep = np.abs(means - centre) <= 4 * max(spread, 1e-9)
-    means, weight = means[keep], weight[keep]
     mean = float(np.average(means, weights=weight))
     number = means.size
     if number < 2:
-        return mean, abs(mean) + spread, 1.0
+        return mean, abs(mean), 1.0
     share = weight / weight.sum()
     u = math.sqrt(float(np.sum((share * (means - mean)) ** 2)) * number / (number - 1))
     return mean, u, number - 1.0

@@ -68,6 +68,11 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
     """
     valid = reference.valid & strips.valid
     step = np.where(valid, np.angle(np.exp(1j * (strips.phase.astype(float) - reference.phase))), 0.0)
+    return strips_from_step(step, valid, target, camera)
+
+
+def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> StripPhase:
+    """Find the strips in a map of the wrapped phase that they add to the plate's (see `measure_strips`)."""
     heights = tuple(target.height_mm.estimate("strip height", "mm", item=i) for i in range(target.count))
     scale = camera.scale("mean").value
     regions = find_strips(

@@ -30,6 +30,7 @@ def rig_drawing(
     camera: Pupil | None,
     *,
     stated_projector: Pupil | None = None,
+    stated_camera: Pupil | None = None,
     title: str = "",
 ) -> Figure:
     """Draw camera, projector and plate to scale with the rays that bound the field.
@@ -45,14 +46,17 @@ def rig_drawing(
         Fitted pupils; `camera` None draws the parallel rays of a telecentric lens.
     stated_projector
         The projector where the session says it stands; ellipses are 95 % regions.
+    stated_camera
+        The camera where the session says it stands.
     title
         Which rig.
     """
     along = int(np.argmax(np.abs(projector.position_mm[:2])))
     figure, side, top = _make_views(along)
     for axes, plane in ((side, (along, 2)), (top, (0, 1))):
-        if stated_projector is not None:
-            _draw_pupil(axes, stated_projector, plane, GREY)
+        for stated in (stated_projector, stated_camera):
+            if stated is not None:
+                _draw_pupil(axes, stated, plane, GREY)
         _draw_rays(axes, plane, plate_mm, projector.position_mm, AMBER)
         _draw_pupil(axes, projector, plane, ORANGE)
         if camera is not None:

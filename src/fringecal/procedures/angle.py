@@ -1,0 +1,209 @@
+"""The projection angle: breaks of fringes at strips of known height, tables 3.5 and 3.6, by any of three estimators."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError, SessionError
+from fringecal.procedures.camera import CameraFindings, measure_camera
+from fringecal.procedures.commission import Commissioning, commission, projector_of
+from fringecal.procedures.further import strips_captures, strips_target
+from fringecal.projection.angle import ProjectorPosition, angle_estimate, fringe_pitch_mm, theoretical_angle
+from fringecal.projection.breaks import Breaks
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.columns import ColumnAngle, both_axes
+from fringecal.projection.order import OrderDecision
+from fringecal.projection.phase_breaks import phase_breaks, runs_along_rows
+from fringecal.projection.picture_breaks import PictureEstimator, picture_breaks
+from fringecal.projection.theory import Displacement, displacement
+from fringecal.session import Session
+from fringecal.uncertainty.estimates import Estimate
+
+Array = NDArray[np.float64]
+Estimator = Literal["phase", "ridge", "skeleton"]
+Progress = Callable[[str], None]
+
+ESTIMATORS: tuple[Estimator, ...] = ("phase", "ridge", "skeleton")
+_MAP = (9, 7)
+
+
+@dataclass(frozen=True)
+class AngleFindings:
+    """The projection angle and all that it rests on.
+
+    Parameters
+    ----------
+    session, estimator
+        What was measured, and how breaks were read.
+    camera, calibration
+        The camera on the plate, and the rig fitted to the breaks.
+    breaks
+        One row per fringe and strip.
+    columns, rows
+        Table 3.5 beside 3.6: along the line y = 0, and along x = 0.
+    angle, apparent, theory
+        At the plate's origin, deg from the normal; theory is None where no position is stated.
+    order
+        How the fringe order was decided.
+    displacement
+        Where the lamp stands against where it is said to, or None.
+    picture
+        The first picture of the strips.
+    """
+
+    session: Session
+    estimator: Estimator
+    camera: CameraFindings
+    calibration: RigCalibration
+    breaks: Breaks
+    columns: tuple[ColumnAngle, ...]
+    rows: tuple[ColumnAngle, ...]
+    angle: Estimate
+    apparent: Estimate
+    budget: dict[str, float]
+    theory: Estimate | None
+    order: OrderDecision
+    displacement: Displacement | None
+    picture: NDArray
+
+    @property
+    def pitch_mm(self) -> float:
+        """Fringe pitch on the plate at the origin, across the fringe."""
+        return float(fringe_pitch_mm(self.calibration.model))
+
+    @property
+    def along(self) -> str:
+        """What the fringes run along in the picture: "rows" or "columns"."""
+        return "rows" if runs_along_rows(self.calibration.model, self.calibration.camera) else "columns"
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What a reader should know: the order, and whether the measured geometry agrees with the stated one."""
+        used = int(np.count_nonzero(self.breaks.used))
+        counted = f"{used} breaks by the {self.estimator} estimator, {self.breaks.strip.size - used} left out."
+        order = f"Fringe order: {self.order.reason}."
+        if self.displacement is None:
+            return counted, order, "No position of the lamp to compare with: state projector.position_mm."
+        return counted, order, self.displacement.sentence()
+
+    def breaks_frame(self) -> pd.DataFrame:
+        """Tabulate the breaks."""
+        return pd.DataFrame(self.breaks.columns())
+
+
+def break_angles(
+    session: Session, *, estimator: Estimator = "phase", progress: Progress = lambda _: None
+) -> AngleFindings:
+    """Measure the projection angle of a session by the breaks of fringes at its strips.
+
+    Parameters
+    ----------
+    session
+        Captures of kind grid and strips; "phase" needs phase-shifted ones of kind reference and strips. "ridge" and
+        "skeleton" use the first picture of the strips alone, as the thesis did.
+    estimator
+        "phase", "ridge" or "skeleton".
+    progress
+        Called with a short sentence before each step.
+
+    Raises
+    ------
+    SessionError
+        A capture that is needed is missing, or an unknown estimator.
+    DetectionError, PhaseError, FitError
+        What the pictures do not show or determine, with the reason.
+    """
+    if estimator not in ESTIMATORS:
+        raise SessionError([f"no estimator is called {estimator!r}; take one of {', '.join(ESTIMATORS)}"])
+    if estimator == "phase":
+        return angles_of(commission(session, progress=progress))
+    progress("finding the grid and fitting the camera")
+    return picture_angles(session, measure_camera(session), estimator=estimator, progress=progress)
+
+
+def angles_of(found: Commissioning) -> AngleFindings:
+    """Return the angles of a commissioned rig: the phase estimator."""
+    breaks = phase_breaks(
+        found.calibration, found.observations, found.strips.regions.labels, surfaces=len(found.orders)
+    )
+    return _findings(
+        found.session, "phase", found.camera, found.calibration, breaks, next(iter(found.orders.values())),
+        found.strips_capture.capture.read()[0],
+    )  # fmt: skip
+
+
+def picture_angles(
+    session: Session, camera: CameraFindings, *, estimator: PictureEstimator, progress: Progress = lambda _: None
+) -> AngleFindings:
+    """Return the angles that the first picture of a session's strips shows by itself."""
+    capture = strips_captures(session)[0]
+    picture = capture.read()[0]
+    stated = projector_of(session)
+    found = picture_breaks(
+        picture,
+        strips_target(capture),
+        camera.fit,
+        estimator=estimator,
+        projector_mm=None if stated is None else stated.value_mm,
+        progress=progress,
+    )
+    decision = found.ordered.decision
+    return _findings(session, estimator, camera, found.calibration, found.breaks, decision, picture)
+
+
+def _findings(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator found
+    session: Session,
+    estimator: Estimator,
+    camera: CameraFindings,
+    calibration: RigCalibration,
+    breaks: Breaks,
+    order: OrderDecision,
+    picture: NDArray,
+) -> AngleFindings:
+    stated = projector_of(session)
+    angle, budget = angle_estimate(calibration)
+    by_fringe = estimator == "skeleton"
+    columns, rows = both_axes(calibration, breaks, by_fringe=by_fringe, projector=stated)
+    return AngleFindings(
+        session=session,
+        estimator=estimator,
+        camera=camera,
+        calibration=calibration,
+        breaks=breaks,
+        columns=columns,
+        rows=rows,
+        angle=angle,
+        apparent=angle_estimate(calibration, apparent=True)[0],
+        budget=budget,
+        theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
+        order=order,
+        displacement=_displacement(calibration, stated),
+        picture=picture,
+    )
+
+
+def _displacement(calibration: RigCalibration, stated: ProjectorPosition | None) -> Displacement | None:
+    try:
+        return None if stated is None else displacement(calibration, stated)
+    except FitError:  # parallel light has no position; the theory table still holds
+        return None
+
+
+def angle_map(calibration: RigCalibration, shape: tuple[int, int] = _MAP) -> pd.DataFrame:
+    """Tabulate the projection angle over the field: x, y in mm, angle, its u, apparent angle in deg."""
+    camera = calibration.camera
+    u, v = (
+        np.linspace(0.05, 0.95, n) * (size - 1)
+        for n, size in zip(shape, (camera.width_px, camera.height_px), strict=True)
+    )
+    rays = camera.rays(*np.meshgrid(u, v))
+    rows = []
+    for x, y in zip(rays.ax.ravel(), rays.ay.ravel(), strict=True):
+        angle, _ = angle_estimate(calibration, float(x), float(y))
+        apparent, _ = angle_estimate(calibration, float(x), float(y), apparent=True)
+        rows.append((x, y, angle.value, angle.u, apparent.value))
+    return pd.DataFrame(rows, columns=["x_mm", "y_mm", "angle_deg", "u_deg", "apparent_deg"])

@@ -1,0 +1,94 @@
+"""Strips in one grey picture with fringes: which pixels they cover, and a phase coarse enough to number the fringes.
+
+As the thesis did, one picture is all there is. The fringes are demodulated line by line; the plate's phase is the
+smooth one of the two levels that makes a row of strips as the target states it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.camera.plate import PlateCamera
+from fringecal.errors import DetectionError, FitError
+from fringecal.phase.line_carrier import LineCarrier, demodulate_lines
+from fringecal.phase.plate_carrier import SmoothPhase, fringed, plate_phase_on, plate_phases
+from fringecal.projection.strips import StripPhase, strips_from_step
+from fringecal.targets import Strips
+
+Array = NDArray[np.float64]
+
+_ALONG_DEG = 25.0  # between strips and fringes below which a fringe crosses hardly any edge
+_SURE = 0.9  # share of the pixels that lie on the level their label asks for, above which no other level is tried
+
+
+@dataclass(frozen=True)
+class PictureStrips:
+    """What one picture shows: the fringes, the plate's smooth phase (NaN where no fringes are), and the strips."""
+
+    carrier: LineCarrier
+    plate_phase_rad: Array
+    strips: StripPhase
+
+
+def strips_in_picture(image: ArrayLike, target: Strips, camera: PlateCamera) -> PictureStrips:
+    """Find the strips in one picture by the phase they add to the plate's.
+
+    Parameters
+    ----------
+    image
+        Grey values, (H, W).
+    target
+        Count, width, gap and height of the strips.
+    camera
+        The camera on the plate.
+
+    Raises
+    ------
+    PhaseError
+        No fringes in the picture.
+    DetectionError
+        No row of strips as the target states it, or strips along the fringes.
+    """
+    carrier = demodulate_lines(image)
+    valid = fringed(carrier)
+    found: list[tuple[float, StripPhase, SmoothPhase]] = []
+    errors: list[Exception] = []
+    for plate in plate_phases(carrier, valid):
+        try:
+            strips = strips_from_step(_step(carrier, plate), valid, target, camera)
+            plate = plate_phase_on(carrier, valid & (strips.regions.labels == 0), plate)
+            strips = strips_from_step(_step(carrier, plate), valid, target, camera)
+        except (DetectionError, FitError) as error:
+            errors.append(error)
+            continue
+        found.append((_agreement(_step(carrier, plate), strips), strips, plate))
+        if found[-1][0] > _SURE:
+            break
+    if not found:
+        raise DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
+    _, strips, plate = max(found, key=lambda one: one[0])
+    _demand_crossing(carrier, strips)
+    return PictureStrips(carrier, np.where(valid, plate.map(), np.nan), strips)
+
+
+def _step(carrier: LineCarrier, plate: SmoothPhase) -> Array:
+    return np.angle(carrier.signal * np.exp(-1j * plate.map()))
+
+
+def _agreement(step: Array, strips: StripPhase) -> float:
+    """Share of the labelled pixels that are on the plate's level where they should be, and off it on strips."""
+    labels = strips.regions.labels
+    near = np.abs(step) < 0.35
+    return float(min(near[labels == 0].mean(), 1 - near[labels > 0].mean()))
+
+
+def _demand_crossing(carrier: LineCarrier, strips: StripPhase) -> None:
+    """Refuse strips that run along the fringes: a fringe crosses no edge of them, and shows no break."""
+    fringes_deg = 0.0 if carrier.along == "rows" else 90.0
+    apart = abs((strips.regions.direction_deg - fringes_deg + 90) % 180 - 90)
+    if apart < _ALONG_DEG:
+        raise DetectionError(
+            f"the strips run along the fringes ({apart:.0f} deg between them): no fringe crosses an edge, so that no "
+            "break shows. Lay the strips across the fringes, or use phase-shifted pictures."
+        )

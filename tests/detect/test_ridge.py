@@ -1,0 +1,94 @@
+"""Fringes' centres in drawn pictures whose centres are known in closed form."""
+
+import numpy as np
+import pytest
+
+from fringecal.detect.ridge import grey_noise, ridge_centres
+from fringecal.detect.skeleton import skeleton_centres, thinned
+from fringecal.errors import DetectionError
+
+
+def fringes(period, *, slope=0.0, shape=(120, 90), noise=0.0, gradient=0.0, offset=0.0, seed=0):
+    """Fringes along rows; `slope` tilts them, `gradient` is the relative fall of the light from top to bottom."""
+    v, u = np.mgrid[: shape[0], : shape[1]].astype(float)
+    light = 1 - gradient * v / shape[0]
+    grey = light * (120 + 90 * np.cos(2 * np.pi * (v - offset - slope * u) / period))
+    return grey + noise * np.random.default_rng(seed).standard_normal(shape)
+
+
+def errors(found, period, *, slope=0.0, offset=0.0):
+    """Distance of each centre from the nearest true one; inner rows only, a window's width from the rim."""
+    turns = (found.v_px - offset - slope * found.u_px) / period
+    half = np.where(found.bright, 0.0, 0.5)
+    inner = (found.v_px > period) & (found.v_px < 119 - period) & (found.u_px > 4) & (found.u_px < 85)
+    return ((turns - half - np.round(turns - half)) * period)[inner]
+
+
+@pytest.mark.parametrize("period", [6.0, 10.77, 23.3, 40.0])
+def test_ridges_and_valleys_are_where_the_cosine_has_them(period):
+    found = ridge_centres(fringes(period, slope=0.03, offset=1.7), period)
+    off = errors(found, period, slope=0.03, offset=1.7)
+    assert off.size > 100
+    # The straight line between two pixels errs by w^2 / 62 px at most: 0.018 px at 6 px a period.
+    assert np.abs(off).max() < (2 * np.pi / period) ** 2 / 62 + 1e-3
+    assert abs(off.mean()) < 1e-3
+
+
+def test_uneven_light_moves_ridges_and_valleys_in_opposite_ways():
+    found = ridge_centres(fringes(16.0, gradient=0.5), 16.0)
+    turns = found.v_px / 16.0
+    half = np.where(found.bright, 0.0, 0.5)
+    off = (turns - half - np.round(turns - half)) * 16
+    inner = (found.v_px > 16) & (found.v_px < 104)
+    bright, dark = off[inner & found.bright].mean(), off[inner & ~found.bright].mean()
+    # A Gaussian of s turns l (A + B cos) into l A + a B (l cos - l' s^2 w sin), a = exp(-(s w)^2 / 2). Its derivative
+    # vanishes l'/l (A +- a B (1 - s^2 w^2)) / (a B w^2) off, and s w is 1.
+    moved = -0.5 / 120 / (1 - 0.25) * 120 / (90 * np.exp(-0.5)) / (2 * np.pi / 16) ** 2
+    assert bright == pytest.approx(moved, rel=0.1)  # the light is taken at the middle
+    assert dark == pytest.approx(-moved, rel=0.1)
+    assert abs(bright + dark) < 0.02 * abs(moved)
+
+
+def test_stated_sigma_is_the_scatter():
+    found = ridge_centres(fringes(12.0, noise=4.0), 12.0)
+    off = errors(found, 12.0)
+    assert np.median(found.sigma_px) == pytest.approx(off.std(), rel=0.15)  # 1500 points, four of them hang together
+
+
+def test_noise_is_seen_through_fringes():
+    assert grey_noise(fringes(12.0, noise=3.0)) == pytest.approx(3.0, rel=0.1)
+    assert grey_noise(fringes(12.0)) == pytest.approx(1 / np.sqrt(12))  # rounding at least
+
+
+def test_fringes_along_columns_are_the_same_turned():
+    picture = fringes(14.0, slope=0.02)
+    straight, turned = ridge_centres(picture, 14.0), ridge_centres(picture.T, 14.0, along="columns")
+    assert sorted(zip(straight.u_px, straight.v_px, strict=True)) == sorted(zip(turned.v_px, turned.u_px, strict=True))
+
+
+@pytest.mark.parametrize("enlarged", [1, 2])
+def test_a_skeleton_reads_whole_rows_or_half_ones(enlarged):
+    found = skeleton_centres(fringes(12.0, offset=0.3, noise=1.0), 12.0, enlarged=enlarged)
+    off = errors(found, 12.0, offset=0.3)
+    assert set(np.unique(np.round(found.v_px * 4) % 4)) <= ({0.0} if enlarged == 1 else {1.0, 3.0})
+    # Half a row of what is thinned, as much again where a band of even width has no middle row; and noise.
+    assert np.abs(off).max() < 1.2 / enlarged
+    assert abs(off.mean()) < 0.5 / enlarged
+    assert found.bright.all()
+
+
+def test_thinned_lines_are_one_pixel_wide():
+    lines = thinned(fringes(12.0, noise=0.1), 12.0)
+    inner = lines[12:-12, 6:-6]
+    assert np.all(inner.sum(axis=0) == inner.sum(axis=0)[0])
+    assert not np.any(inner[1:] & inner[:-1])
+
+
+@pytest.mark.parametrize("find", [ridge_centres, skeleton_centres])
+def test_what_has_no_centres_is_refused(find):
+    with pytest.raises(DetectionError, match="too fine|no centres"):
+        find(fringes(4.0), 4.0)
+    with pytest.raises(DetectionError, match="shape"):
+        find(np.zeros(30), 12.0)
+    with pytest.raises(DetectionError, match="finite"):
+        find(np.full((40, 40), np.nan), 12.0)
