@@ -59,9 +59,9 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
 
     Notes
     -----
-    Zero of the picture's derivative by a Gaussian of 1/2 pi periods, at which a fall of the light along the fringes'
-    normal moves ridges and valleys by equal amounts in opposite ways; by a straight line between the two pixels about it;
-    for a cosine the line's error is below `w^2 / 62` px (w the phase per px, rad), 0.02 px at 6 px a period, and
+    Zero of the picture's derivative by a Gaussian of 1/2 pi periods, at which a fall of the light across the fringes
+    moves ridges and valleys by equal amounts in opposite ways; by a straight line between the two pixels about it. For
+    a cosine the line's error is below `w^2 / 62` px (w the phase per px, rad), 0.02 px at 6 px a period, and
     averages out. `sigma = noise |kernel| / slope`.
 
     Raises
