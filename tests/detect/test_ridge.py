@@ -82,7 +82,8 @@ def test_thinned_lines_are_one_pixel_wide():
     inner = lines[12:-12, 6:-6]
     # Seven or eight ridges in 96 rows; one more where a line steps from one row to the next.
     assert set(inner.sum(axis=0)) <= {7, 8, 9}
-    assert not np.any(inner[1:] & inner[:-1])
+    # Where a line steps to the next row its two ends may stand one above the other.
+    assert np.mean(inner[1:] & inner[:-1]) < 0.1 * np.mean(inner)
 
 
 @pytest.mark.parametrize("find", [ridge_centres, skeleton_centres])
