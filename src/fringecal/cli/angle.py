@@ -71,7 +71,7 @@ def _estimator(name: str, session: Any) -> "Estimator":
     from fringecal.procedures.angle import ESTIMATORS
 
     if name == "auto":
-        shifted = session.find("reference") and session.one("strips").steps_rad
+        shifted = session.find("reference") and all(capture.steps_rad for capture in session.find("strips"))
         return "phase" if shifted else "ridge"
     if name not in ESTIMATORS:
         raise typer.BadParameter(f"{name!r} is none of auto, {', '.join(ESTIMATORS)}", param_hint="--estimator")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fringecal.procedures.angle import AngleFindings, angle_map
 from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.further import strips_captures
 from fringecal.procedures.report_parts import budget_table, concise, inputs_of_capture
 from fringecal.procedures.report_rig import field_mm, rig_figure
 from fringecal.projection.breaks import OFF
@@ -62,7 +63,7 @@ def angle_report(found: AngleFindings, *, command: str = "", created: datetime |
     ]
     if found.theory is not None:
         facts.append(Fact("Angle in theory", concise(found.theory), "from the stated positions"))
-    captures = [found.camera.capture, found.session.one("strips")]
+    captures = [found.camera.capture, strips_captures(found.session)[0]]
     return Report(
         title=f"Projection angle of {found.session.rig}",
         subtitle=f"Captured {found.session.captured:%Y-%m-%d %H:%M}; {found.estimator} estimator",
