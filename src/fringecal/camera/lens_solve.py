@@ -1,5 +1,6 @@
 """One solve of a lens from board views: OpenCV's start, the bundle, and mrcal where it is asked for."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -20,6 +21,8 @@ Model = Literal["brown"] | RichModel
 
 #: A focal length known worse than this was not determined by the views.
 MAX_FOCAL_REL_U = 0.02
+#: Corners of real pictures scatter by this much at least, px.
+LEAST_SCATTER_PX = 0.02
 
 
 @dataclass(frozen=True)
@@ -96,7 +99,7 @@ def solve_lens(views: Sequence[BoardView], shape: tuple[int, int], way: Way) -> 
     """Start by OpenCV and solve the bundle; on request hand that to mrcal as its start."""
     points = [board_points(view.points_px, view.spacing_mm) for view in views]
     bundle = solve_bundle(points, *_started(points, shape), radial_terms=way.radial_terms, bowed=not way.flat_board)
-    refuse_undetermined(bundle.values, bundle.covariance)
+    refuse_undetermined(bundle.values, bundle.covariance, scatter_px=_scatter_px(bundle))
     lens = Lens(bundle.values, bundle.covariance, shape[1], shape[0])
     if way.model != "brown":
         return _rich(views, lens, bundle, way)
@@ -179,11 +182,21 @@ def _single(array: Array) -> NDArray[np.float32]:
     return np.ascontiguousarray(array, dtype=np.float32)
 
 
-def refuse_undetermined(values: Array, covariance: Array) -> None:
-    """Refuse a focal length that is known too badly to be one."""
-    relative = float(np.sqrt(max(covariance[0, 0], 0.0)) / abs(values[0]))
+def refuse_undetermined(values: Array, covariance: Array, *, scatter_px: float = math.inf) -> None:
+    """Refuse a focal length that is known too badly to be one.
+
+    Points that scatter by less than any picture's do, as drawn ones, are judged as if they did scatter so.
+    """
+    least = max(1.0, LEAST_SCATTER_PX / max(scatter_px, 1e-12))
+    relative = float(least * np.sqrt(max(covariance[0, 0], 0.0)) / abs(values[0]))
     if not relative < MAX_FOCAL_REL_U:
         raise FitError(undetermined(f"{relative:.1%}"))
+
+
+def _scatter_px(bundle: Bundle) -> float:
+    """Standard deviation of one coordinate of a point."""
+    rest = [each[used] for each, used in zip(bundle.residuals, bundle.used, strict=True)]
+    return float(np.sqrt((np.concatenate(rest) ** 2).sum() / bundle.dof))
 
 
 def rms_px(residuals: Array) -> float:
