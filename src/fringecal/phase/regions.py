@@ -6,14 +6,12 @@ regions in which the phase is smooth, and two regions are joined only if the pix
 agree on one order with only a small step left: a fold does, an edge does not.
 """
 
-from collections import Counter, defaultdict
-from dataclasses import dataclass
-
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from fringecal.phase.borders import join_regions
 from fringecal.phase.unwrap import Unwrapped, unwrap
 
 Array = NDArray[np.float64]
@@ -22,11 +20,6 @@ _TWO_PI = 2 * np.pi
 _BEND_LIMITS_RAD = (0.12, 0.45)  # change of slope over three px above which the smoothed phase is cut
 _BEND_SIGMAS = 6.0  # of the noise, between those limits
 _LEAST_PIXELS = 25  # of a region; smaller ones are given to their neighbours
-_LEAST_BORDER = 5  # pixel pairs
-_LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
-_OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order
-_GREATEST_STEP_RAD = 2.0  # median step left over a border that is no edge, the slope's share in it
-_CELL_PX = 16  # side of the cells into which borders are cut
 
 
 def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
@@ -46,8 +39,8 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
 
     Notes
     -----
-    An edge whose jump stays within about half a radian of whole fringes over more than six pixels looks like a surface
-    that touches its neighbour there, and is taken for one.
+    An edge whose jump lies within some 0.15 rad (more where the surface is curved or noisy) of whole fringes along most
+    of its length looks like a surface that touches its neighbour there, and is taken for one.
     """
     wrapped = np.asarray(phase, dtype=float)
     usable = np.asarray(valid, dtype=bool) & np.isfinite(wrapped)
@@ -58,7 +51,7 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
     if labels.max(initial=0) == 0:
         return unwrap(wrapped, usable)
     _flood(values, labels, wrapped, usable)
-    offsets, groups = _join(values, labels)
+    offsets, groups = join_regions(values, labels)
     result = np.where(labels > 0, values + _TWO_PI * offsets[labels], np.nan)
     return Unwrapped(result, _numbered(np.where(labels > 0, groups[labels], 0)))
 
@@ -115,77 +108,6 @@ def _flood(values, labels, wrapped, usable):  # type: ignore[no-untyped-def]
                 queue_v[tail] = y
                 queue_u[tail] = x
                 tail += 1
-
-
-@dataclass(frozen=True)
-class _Border:
-    """Border of two touching regions a < b: the order that b lacks, and the pixel pairs for and against it."""
-
-    a: int
-    b: int
-    order: int
-    agreeing: int
-    others: int
-
-    @property
-    def trusted(self) -> bool:
-        """Tell whether the border is a fold, or almost all of it is."""
-        return self.agreeing >= max(_LEAST_BORDER, _LEAST_LEAD * self.others)
-
-
-def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
-    """List the pixel pairs over all borders: regions a < b, cell of the picture, order lacking, small or not."""
-    found = []
-    v, u = np.indices(labels.shape)
-    cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
-    for axis in (0, 1):
-        one, phases, cell = (np.moveaxis(m, axis, 0) for m in (labels, values, cells))
-        first, second = one[:-1], one[1:]
-        at = (first != second) & (first > 0) & (second > 0)
-        jump = np.where(first > second, -1, 1)[at] * (phases[:-1] - phases[1:])[at]
-        order = np.floor(jump / _TWO_PI + 0.5)
-        small = np.abs(jump - _TWO_PI * order) < _GREATEST_STEP_RAD
-        low, high = np.minimum(first, second)[at], np.maximum(first, second)[at]
-        found.append(np.column_stack([low, high, cell[:-1][at], order, small]))
-    return np.concatenate(found).astype(np.int64)
-
-
-def _borders(values: Array, labels: NDArray[np.int32]) -> list[_Border]:
-    """Judge every border cell by cell: a cell votes if nearly all of its pixel pairs are of one mind.
-
-    Along a true edge the steps left over are of any size, and where they happen to be small that is so over a short
-    stretch only; along a fold they are small throughout.
-    """
-    pairs = _pairs(values, labels)
-    cells, inverse = np.unique(pairs[:, :3], axis=0, return_inverse=True)
-    total = np.bincount(inverse.ravel(), minlength=len(cells))
-    votes, at = np.unique(pairs[:, :4], axis=0, return_inverse=True)
-    number = np.bincount(at.ravel(), minlength=len(votes))
-    small = np.bincount(at.ravel(), weights=pairs[:, 4], minlength=len(votes))
-    agreeing: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
-    sizes: Counter[tuple[int, int]] = Counter()
-    of_cell = {tuple(c): int(n) for c, n in zip(cells.tolist(), total, strict=True)}
-    for (a, b, _), n in of_cell.items():
-        sizes[a, b] += n
-    for (a, b, cell, order), n, few in zip(votes.tolist(), number.tolist(), small.tolist(), strict=True):
-        if n >= _OF_ONE_MIND * of_cell[a, b, cell] and few >= 0.5 * n:
-            agreeing[a, b][order] += n
-    best = ((pair, *max(found.items(), key=lambda f: (f[1], -abs(f[0])))) for pair, found in agreeing.items())
-    return [_Border(a, b, order, n, sizes[a, b] - n) for (a, b), order, n in best]
-
-
-def _join(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Join regions over trusted borders, the longest first; return each region's order and group."""
-    number = int(labels.max())
-    offsets = np.zeros(number + 1, dtype=np.int64)
-    groups = np.arange(number + 1, dtype=np.int32)
-    trusted = [border for border in _borders(values, labels) if border.trusted]
-    for border in sorted(trusted, key=lambda x: (x.others - x.agreeing, x.a, x.b)):
-        if groups[border.a] != groups[border.b]:
-            inside = groups == groups[border.b]
-            offsets[inside] += border.order + offsets[border.a] - offsets[border.b]
-            groups[inside] = groups[border.a]
-    return offsets, groups
 
 
 def _numbered(groups: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -12,6 +12,7 @@ from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.regions import unwrap_regions
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import height_model
+from fringecal.reconstruct.levels import Levels, steps_at_levels
 from fringecal.reconstruct.order import decide_pieces
 from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivities
 
@@ -94,6 +95,7 @@ def absolute_phase(
     rays: Rays,
     *,
     height_range_mm: tuple[float, float] | None = None,
+    levels: Levels | None = None,
 ) -> ObjectPhase:
     """Unwrap an object's phase against the plate's and decide the order of each connected piece.
 
@@ -107,6 +109,8 @@ def absolute_phase(
         All pixels' rays.
     height_range_mm
         Heights that the object can have, where known.
+    levels
+        Heights of an artefact's surfaces, where known: they decide the order of pieces that touch no plate.
     """
     plate = calibration.model.phase(rays.ax, rays.ay, 0.0)
     step = np.angle(np.exp(1j * (phase_map.phase - plate)))
@@ -115,19 +119,32 @@ def absolute_phase(
     pieces = decide_pieces(
         unwrapped.phase,
         unwrapped.pieces,
-        height_per_rad=None if height_range_mm is None else _height_per_rad(calibration, rays),
+        height_of=lambda step, pixels: _heights_at(calibration, rays, plate, step, pixels),
         height_range_mm=height_range_mm,
+        tops_mm=levels.heights_mm if levels is not None and levels.top else (),
     )
     reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
     reasons[~np.isfinite(plate)] |= int(Reason.NO_RAY)
-    reasons[(reasons == 0) & ~np.isfinite(pieces.step_rad)] |= int(Reason.ORDER_UNDECIDED)
+    step = pieces.step_rad
+    if levels is not None and not levels.top:
+        known = steps_at_levels(unwrapped.phase, valid, _level_steps(calibration, rays, plate, levels))
+        step = np.where(np.isfinite(known), known, step)
+    reasons[(reasons == 0) & ~np.isfinite(step)] |= int(Reason.ORDER_UNDECIDED)
     sigma = np.hypot(phase_map.sigma.astype(float), calibration.excess_rad)
-    return ObjectPhase(pieces.step_rad + plate, sigma, reasons, len(pieces.undecided))
+    return ObjectPhase(step + plate, sigma, reasons, len(pieces.undecided))
 
 
-def _height_per_rad(calibration: RigCalibration, rays: Rays) -> Array:
-    gx, gy, gz = calibration.model.gradient(rays.ax, rays.ay, 0.0)
-    return 1 / (gz + gx * rays.bx + gy * rays.by)
+def _level_steps(calibration: RigCalibration, rays: Rays, plate: Array, levels: Levels) -> Array:
+    """Phase over the plate's that each level would show at every pixel, (levels, H, W)."""
+    return np.stack([calibration.model.phase(*rays.at(z), np.full(plate.shape, z)) - plate for z in levels.heights_mm])
+
+
+def _heights_at(
+    calibration: RigCalibration, rays: Rays, plate: Array, step_rad: Array, pixels: NDArray[np.intp]
+) -> Array:
+    """Heights of phase steps over the plate at some pixels."""
+    chosen = Rays(*(np.ravel(part)[pixels] for part in (rays.ax, rays.ay, rays.bx, rays.by)))
+    return height_model(calibration).height(step_rad + plate.ravel()[pixels], chosen)
 
 
 def reconstruct_height(

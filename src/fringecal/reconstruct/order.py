@@ -1,6 +1,7 @@
 """Fringe order of an object's phase: each connected piece is decided by evidence, or left undecided."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,12 @@ _NEAR_PLATE = 0.35  # rad; a plate pixel's phase differs from the model by noise
 _MIN_PLATE_PIXELS = 200
 _MIN_SHARE = 0.02  # of a piece's pixels that must be plate, unless they are very many
 _MANY = 2000
+_SAMPLE = 2000  # pixels of a piece at which the heights of an order are looked at
+_TOP_MM, _TOP_SHARE = 0.15, 0.02  # how far a piece's top may lie from the known one that decides its order
+_TOP = 0.995  # quantile of a piece's heights that is its top
+
+HeightOf = Callable[[Array, NDArray[np.intp]], Array]
+"""Heights (mm) of phase steps (rad) at flat pixel indices."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +41,9 @@ def decide_pieces(
     step_rad: Array,
     pieces: NDArray[np.integer],
     *,
-    height_per_rad: Array | None = None,
+    height_of: HeightOf | None = None,
     height_range_mm: tuple[float, float] | None = None,
+    tops_mm: tuple[float, ...] = (),
 ) -> PieceOrders:
     """Add to each piece the multiple of 2 pi at which its plate pixels lie on the plate.
 
@@ -45,9 +53,12 @@ def decide_pieces(
         Unwrapped phase over the plate's, continuous within a piece, shape (H, W).
     pieces
         Piece numbers from 1; 0 is masked.
-    height_per_rad, height_range_mm
-        Height per radian of step at each pixel, and the heights an object can have: decides a piece without
-        plate pixels if exactly one order fits.
+    height_of, height_range_mm
+        Heights of phase steps, and the heights an object can have: decides a piece without plate pixels if exactly
+        one order fits.
+    tops_mm
+        Known heights of tops, as of balls: decide a piece without plate pixels if exactly one order brings its
+        highest point to one.
     """
     result = np.full(step_rad.shape, np.nan)
     orders: dict[int, int | None] = {}
@@ -56,8 +67,8 @@ def decide_pieces(
         if not inside.any():
             continue
         order = _order_by_plate(step_rad, inside)
-        if order is None and height_per_rad is not None and height_range_mm is not None:
-            order = _order_by_range(step_rad[inside], height_per_rad[inside], height_range_mm)
+        if order is None and height_of is not None and height_range_mm is not None:
+            order = _order_by_height(step_rad, np.flatnonzero(inside), height_of, height_range_mm, tops_mm)
         orders[piece] = order
         if order is not None:
             result[inside] = step_rad[inside] + 2 * math.pi * order
@@ -88,11 +99,26 @@ def _flat(step: Array) -> NDArray[np.bool_]:
     return flat
 
 
-def _order_by_range(step: Array, height_per_rad: Array, height_range: tuple[float, float]) -> int | None:
+def _order_by_height(
+    step: Array,
+    pixels: NDArray[np.intp],
+    height_of: HeightOf,
+    height_range: tuple[float, float],
+    tops_mm: tuple[float, ...],
+) -> int | None:
+    """Find the only order at which a piece lies in the range, or, of several, ends at a known top."""
+    chosen = pixels[:: max(1, pixels.size // _SAMPLE)]
+    values = step.ravel()[chosen]
     low, high = height_range
-    fitting = []
+    fitting: dict[int, Array] = {}
     for order in range(-40, 41):
-        z = (step + 2 * math.pi * order) * height_per_rad
+        z = height_of(values + 2 * math.pi * order, chosen)
         if np.mean((z > low) & (z < high)) > 0.98:
-            fitting.append(order)
-    return fitting[0] if len(fitting) == 1 else None
+            fitting[order] = z
+    if tops_mm:
+        fitting = {order: z for order, z in fitting.items() if _ends_at(float(np.quantile(z, _TOP)), tops_mm)}
+    return next(iter(fitting)) if len(fitting) == 1 else None
+
+
+def _ends_at(top_mm: float, tops_mm: tuple[float, ...]) -> bool:
+    return any(abs(top_mm - known) < _TOP_MM + _TOP_SHARE * known for known in tops_mm)
