@@ -1,6 +1,7 @@
-"""`fringecal verify`: a calibrated rig against angle bars of known geometry."""
+"""`fringecal verify`: a calibrated rig against an artefact of known geometry."""
 
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -10,10 +11,12 @@ from rich.table import Table
 from fringecal.cli.console import console, print_json
 from fringecal.cli.saving import command_line, demand_folder, progress, write_report
 
-HELP = """Measure a zig-zag of angle bars with a calibrated rig and tabulate its height errors.
+HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
+Angle bars (zigzag) give height errors along profiles; a flat, steps, a wedge, a box, a sphere or a ball bar give
+flatness, heights, amplification and linearity, angle, size, form and spacing.
 Writes verification.json, tables, figures and report.html into DIR.
-Exit code 0 if all profiles agree with the certificate (|En| <= 1), 3 if one does not, 1 if nothing could be verified.
+Exit code 0 if all agrees with the certificate (|En| <= 1), 3 if something does not, 1 if nothing could be verified.
 
 Example: fringecal verify bench/2026-11-22 --capture bars --calibration calibration/calibration.json --out verification
 """
@@ -28,29 +31,30 @@ def verify(
     session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
     calibration: Path = typer.Option(..., "--calibration", help="calibration.json of the rig."),
     out: Path = typer.Option(..., "--out", help="Folder for the results."),
-    capture: str = typer.Option("", "--capture", help="Capture of the bars; the only one of kind artefact by default."),
+    capture: str = typer.Option("", "--capture", help="Capture of the artefact; the only one of its kind by default."),
     rows: str = typer.Option("", "--rows", help="Rows of the profiles in px, comma-separated."),
     filters: bool = typer.Option(True, "--filters/--no-filters", help="Rank median and mean filters."),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, verify, save, print."""
-    from fringecal.procedures.recording import calibration_of, verification_record
-    from fringecal.procedures.report_verify import verification_report
-    from fringecal.procedures.verification import verify as run
+    from fringecal.procedures.recording import calibration_of
+    from fringecal.procedures.verification import artefact_capture
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
     from fringecal.records.verification import VERIFICATION_FILE, write_verification
     from fringecal.session import load_session
+    from fringecal.targets.models import Zigzag
 
     demand_folder(out)
     command = command_line("verify", [session, "--calibration", calibration, "--out", out])
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
         loaded = load_session(session)
-        found = run(loaded, capture or None, rig, rows_px=_rows(rows), with_filters=filters, progress=show)
-        record = verification_record(found, loaded, _record_file(calibration), command=command)
+        chosen = artefact_capture(loaded, capture or None, rig)
+        bars = isinstance(chosen.target, Zigzag)
+        judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact
+        record, report, table = judge(loaded, chosen, rig, _record_file(calibration), command, show)
         show("writing the report")
-        report = verification_report(found, command=" ".join(command), created=datetime.now(UTC))
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
             write_verification(record, staging)
@@ -58,12 +62,36 @@ def verify(
     if as_json:
         print_json(record.model_dump(mode="json"))
     else:
-        console.print(_table(found.errors))
-        for sentence in (found.errors.sentence, *(f"check failed: {check.name}" for check in failed)):
+        console.print(table)
+        for sentence in (record.sentence, *(f"check failed: {check.name}" for check in failed)):
             console.print(sentence, markup=False, highlight=False, soft_wrap=True)
         console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
     if failed:
         raise typer.Exit(3)
+
+
+def _bars(session, capture, rig, file, command, show, *, rows, filters):  # type: ignore[no-untyped-def]
+    """Judge angle bars: record, report and the table to print."""
+    from fringecal.procedures.recording import verification_record
+    from fringecal.procedures.report_verify import verification_report
+    from fringecal.procedures.verification import verify as run
+
+    found = run(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=show)
+    record = verification_record(found, session, file, command=command)
+    report = verification_report(found, command=" ".join(command), created=datetime.now(UTC))
+    return record, report, _table(found.errors)
+
+
+def _artefact(session, capture, rig, file, command, show):  # type: ignore[no-untyped-def]
+    """Judge any other artefact: record, report and the table to print."""
+    from fringecal.procedures.artefacts import verify_artefact
+    from fringecal.procedures.recording_artefacts import artefact_record
+    from fringecal.procedures.report_artefact import artefact_report
+
+    found = verify_artefact(capture, rig, progress=show)
+    record = artefact_record(found, session, file, command=command)
+    report = artefact_report(found, command=" ".join(command), created=datetime.now(UTC))
+    return record, report, _readings_table(found)
 
 
 def _record_file(path: Path) -> Path:
@@ -79,6 +107,17 @@ def _rows(text: str) -> tuple[int, ...] | None:
         return tuple(int(part) for part in text.split(","))
     except ValueError as error:
         raise typer.BadParameter(f"rows are whole pixel numbers separated by commas, found {text!r}") from error
+
+
+def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
+    table = Table(title=f"{found.target.name}: error = measured - certified", box=box.SIMPLE_HEAD, padding=0)
+    for heading in ("number", "unit", "measured", "certified", "error", "u", "u(cert.)", "En"):
+        table.add_column(heading, justify="left" if heading == "number" else "right", no_wrap=heading != "number")
+    for r in found.readings:
+        numbers = (r.measured, r.reference, r.error, r.u_measured, r.u_reference if r.reference is not None else None)
+        cells = ("" if value is None else f"{value:.4f}" for value in numbers)
+        table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+.2f}")
+    return table
 
 
 def _table(errors) -> Table:  # type: ignore[no-untyped-def]

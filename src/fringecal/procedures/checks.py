@@ -1,9 +1,11 @@
 """Named checks of a commissioning: value, limit, rule and one of four outcomes."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fringecal.records.parts import Check
 from fringecal.uncertainty.conformity import decide
+from fringecal.verify.readings import Reading
 
 if TYPE_CHECKING:
     from fringecal.procedures.commission import Commissioning
@@ -56,6 +58,22 @@ def verification_checks(found: "Verification") -> tuple[Check, ...]:
             name = f"mean error, {profile.name if profile is found.errors.pooled else 'profile ' + profile.name}"
             checks.append(Check(name=name, value=profile.en, limit=EN_LIMIT, decision=decision, rule=rule))
     return tuple(checks)
+
+
+def artefact_checks(readings: Sequence[Reading]) -> tuple[Check, ...]:
+    """Return the checks of an artefact: every certified number, against its certificate."""
+    rule = "|En| <= 1, En = error over the expanded uncertainties (k = 2) of rig and certificate"
+    return tuple(
+        Check(
+            name=reading.name,
+            value=reading.en,
+            limit=EN_LIMIT,
+            decision="pass" if abs(reading.en) <= EN_LIMIT else "fail",
+            rule=rule,
+        )
+        for reading in readings
+        if reading.en is not None
+    )
 
 
 def _below(name: str, value: float, limit: float, unit: str, *, u: float = 0.0) -> Check:

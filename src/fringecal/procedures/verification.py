@@ -71,17 +71,9 @@ def verify(
     FitError
         The surface is not the target's.
     """
-    capture = session.one("artefact") if capture_name is None else session.named(capture_name)
+    capture = artefact_capture(session, capture_name, calibration)
     if not isinstance(capture.target, Zigzag):
-        raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; only zig-zags are verified so far"])
-    if capture.use == "calibration":
-        raise SessionError(
-            [
-                f'capture {capture.name!r}: states use = "calibration", so the rig was fitted to it and agrees with '
-                "it in any case; verify on an artefact that took no part"
-            ]
-        )
-    demand_same_picture(capture, calibration)
+        raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; name the capture of the bars"])
     progress("phase of the bars")
     phase = phase_of_capture(capture)
     progress("heights of the bars")
@@ -103,6 +95,28 @@ def verify(
         progress("filters ranked")
         filters = _filter_study(phase, calibration, target, pose, heights)
     return Verification(capture, target, phase, surface, pose, errors, models, filters)
+
+
+def artefact_capture(session: Session, name: str | None, calibration: RigCalibration) -> Capture:
+    """Return the capture to be verified: the one named, or the only one of kind artefact.
+
+    Raises
+    ------
+    SessionError
+        No such capture, no target to judge by, or pictures of another size than the calibration's.
+    """
+    capture = session.one("artefact") if name is None else session.named(name)
+    if capture.target is None:
+        raise SessionError([f"capture {capture.name!r}: names no target; state the artefact with its certificate"])
+    if capture.use == "calibration":
+        raise SessionError(
+            [
+                f'capture {capture.name!r}: states use = "calibration", so the rig was fitted to it and agrees with '
+                "it in any case; verify on an artefact that took no part"
+            ]
+        )
+    demand_same_picture(capture, calibration)
+    return capture
 
 
 def demand_same_picture(capture: Capture, calibration: RigCalibration) -> None:

@@ -6,7 +6,7 @@ from typing import Any, Final, Literal
 from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
-from fringecal.records.parts import Check, Part, Provenance, Sha256, Uncertainty
+from fringecal.records.parts import BudgetRow, Check, Part, Provenance, Sha256, Uncertainty
 
 VERIFICATION_FORMAT: Final = "fringecal-verification/1"
 VERIFICATION_FILE = "verification.json"
@@ -55,6 +55,25 @@ class FilterRow(Part):
     rank: int = Field(ge=1)
 
 
+class ReadingRecord(Part):
+    """One number of an artefact beside its certificate.
+
+    `u_measured` is null for a form error, which contains the noise by definition; `reference` where the certificate
+    says nothing.
+    """
+
+    name: str
+    unit: str
+    measured: float
+    reference: float | None = None
+    error: float | None = None
+    u_measured: Uncertainty | None = None
+    u_reference: Uncertainty = 0.0
+    en: float | None = None
+    points: int = Field(ge=1)
+    budget: tuple[BudgetRow, ...] = ()
+
+
 class CalibrationUsed(Part):
     """Which calibration was judged: its file and hash, and when it was made."""
 
@@ -70,10 +89,11 @@ class VerificationRecord(Provenance):
     calibration: CalibrationUsed
     capture: str
     target: dict[str, Any] = Field(description="full content of the artefact's target file")
-    full_height_mm: float = Field(gt=0, description="height that the percentages refer to")
-    edge_zone_mm: float = Field(ge=0, description="left out on each side of every ridge and valley")
+    full_height_mm: float | None = Field(default=None, gt=0, description="height that the percentages refer to")
+    edge_zone_mm: float | None = Field(default=None, ge=0, description="left out beside every ridge and valley")
     height_model: str
-    profiles: tuple[ProfileRecord, ...] = Field(description="edge zones left out")
+    readings: tuple[ReadingRecord, ...] = Field(default=(), description="artefacts other than angle bars")
+    profiles: tuple[ProfileRecord, ...] = Field(default=(), description="of angle bars, edge zones left out")
     profiles_with_edges: tuple[ProfileRecord, ...] = ()
     models: tuple[ModelRow, ...] = ()
     filters: tuple[FilterRow, ...] = ()

@@ -46,6 +46,8 @@ class Probe:
         Values by name from one (n, 3) array of points per group; lengths in mm, angles in deg.
     references
         Certified values by name.
+    residuals
+        Distances of the points from what each group should be, mm, for the map.
     forms
         Names of form errors: their value contains the noise by definition.
     units
@@ -57,6 +59,7 @@ class Probe:
     groups: tuple[NDArray[np.intp], ...]
     numbers: Callable[[Sequence[Floats]], Numbers]
     references: Mapping[str, Estimate]
+    residuals: Callable[[Sequence[Floats]], list[Floats]]
     forms: frozenset[str] = frozenset()
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -106,7 +109,7 @@ def _(target: Flat, surface: Surface) -> Probe:
         return found | ({"height": float(flat[:, 2].mean())} if target.height_mm is not None else {})
 
     forms = frozenset({"flatness", "flatness, 95 % of the points", "rms from the plane"})
-    return Probe((_indices(inside),), numbers, references, forms, {"tilt against the plate": "deg"})
+    return Probe((_indices(inside),), numbers, references, _from_planes, forms, {"tilt against the plate": "deg"})
 
 
 @probe.register
@@ -115,7 +118,7 @@ def _(target: Box, surface: Surface) -> Probe:
     height = target.height_mm.value
     top = one_piece(points, valid, 0.8 * height, 1.2 * height, what="top of the box")
     references = {"height": target.height_mm.estimate("height", "mm")}
-    return Probe((_indices(top),), lambda groups: {"height": float(groups[0][:, 2].mean())}, references)
+    return Probe((_indices(top),), lambda groups: {"height": float(groups[0][:, 2].mean())}, references, _from_planes)
 
 
 @probe.register
@@ -129,7 +132,7 @@ def _(target: Wedge, surface: Surface) -> Probe:
         normal = fit_plane(groups[0]).normal
         return {"angle": math.degrees(math.acos(min(1.0, float(normal[2]))))}
 
-    return Probe((_indices(slope),), numbers, references, units={"angle": "deg"})
+    return Probe((_indices(slope),), numbers, references, _from_planes, units={"angle": "deg"})
 
 
 @probe.register
@@ -168,7 +171,7 @@ def _(target: Steps, surface: Surface) -> Probe:
 
     references["amplification coefficient"] = Estimate(1.0, _slope_u(certified, references), "1", "step heights")
     units = {"amplification coefficient": "1"}
-    return Probe(tuple(groups), numbers, references, frozenset({_LINE}), units, tuple(notes))
+    return Probe(tuple(groups), numbers, references, _from_planes, frozenset({_LINE}), units, tuple(notes))
 
 
 def _slope_u(certified: Floats, references: Mapping[str, Estimate]) -> float:
@@ -184,17 +187,20 @@ def _(target: Sphere, surface: Surface) -> Probe:
     diameter = target.diameter_mm.value
     (ball,) = _balls(points, valid, (diameter,))
     references = {"size": target.diameter_mm.estimate("diameter", "mm")}
-    return Probe((ball,), lambda groups: _ball_numbers(groups[0]), references, _BALL_FORMS, notes=(_CAP_NOTE,))
+    residuals = _from_spheres((diameter,))
+    return Probe(
+        (ball,), lambda groups: _ball_numbers(groups[0]), references, residuals, _BALL_FORMS, notes=(_CAP_NOTE,)
+    )
 
 
 @probe.register
 def _(target: BallBar, surface: Surface) -> Probe:
     points, valid = valid_points(surface)
-    diameters = target.diameters_mm.array(2)
-    groups = _balls(points, valid, tuple(float(d) for d in diameters))
+    diameters = tuple(map(float, target.diameters_mm.array(2)))
+    groups = _balls(points, valid, diameters)
     references = {"spacing": target.spacing_mm.estimate("spacing", "mm")}
     for k, u in enumerate(target.diameters_mm.u_array(2)):
-        references[f"ball {k + 1}: size"] = Estimate(float(diameters[k]), float(u), "mm", "diameter")
+        references[f"ball {k + 1}: size"] = Estimate(diameters[k], float(u), "mm", "diameter")
 
     def numbers(groups: Sequence[Floats]) -> Numbers:
         centres = [fit_sphere(g, radius_mm=d / 2).centre_mm for g, d in zip(groups, diameters, strict=True)]
@@ -204,7 +210,17 @@ def _(target: BallBar, surface: Surface) -> Probe:
         return found
 
     forms = frozenset(f"ball {k}: {name}" for k in (1, 2) for name in _BALL_FORMS)
-    return Probe(groups, numbers, references, forms, notes=(_CAP_NOTE,))
+    return Probe(groups, numbers, references, _from_spheres(diameters), forms, notes=(_CAP_NOTE,))
+
+
+def _from_planes(groups: Sequence[Floats]) -> list[Floats]:
+    return [fit_plane(points).residual_mm for points in groups]
+
+
+def _from_spheres(diameters: Sequence[float]) -> Callable[[Sequence[Floats]], list[Floats]]:
+    return lambda groups: [
+        fit_sphere(points, radius_mm=d / 2).residual_mm for points, d in zip(groups, diameters, strict=True)
+    ]
 
 
 _BALL_FORMS = frozenset({"form", "form, 95 % of the points"})
@@ -226,7 +242,8 @@ def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...]) -> tuple[N
     if len(found) < len(diameters):
         raise FitError(
             f"found {len(found)} of {len(diameters)} balls above {0.6 * smallest:.3g} mm; check the target's diameter, "
-            "and that each ball's top is lit and not saturated"
+            "and that each ball's top is lit and not saturated. A ball whose outline stands whole fringes above "
+            "the plate cannot be told from it by one fringe period: take a second one, or a ball of another size"
         )
     found.sort(key=lambda piece: float(points[piece, 0].mean()))
     return tuple(_cap(points, valid, piece, d) for piece, d in zip(found, diameters, strict=True))

@@ -1,0 +1,47 @@
+"""What a verification on an artefact found, as its record holds it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fringecal.procedures.artefacts import ArtefactVerification
+from fringecal.procedures.checks import artefact_checks
+from fringecal.procedures.recording import budget_rows, inputs_of, session_note
+from fringecal.records.provenance import sha256_of, software_versions
+from fringecal.records.verification import CalibrationUsed, ReadingRecord, VerificationRecord
+from fringecal.session import Session
+from fringecal.verify.readings import Reading
+
+
+def artefact_record(
+    found: ArtefactVerification, session: Session, calibration_file: Path, *, command: Sequence[str] = ()
+) -> VerificationRecord:
+    """Return the record of a verification on a flat, steps, a wedge, a box, a sphere or a ball bar."""
+    return VerificationRecord(
+        software=software_versions(),
+        command=tuple(command),
+        session=session_note(session),
+        inputs=inputs_of(session, only=found.capture),
+        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        capture=found.capture.name,
+        target=found.target.model_dump(mode="json"),
+        height_model="projective",
+        readings=tuple(_reading_record(reading) for reading in found.readings),
+        sentence=found.sentence,
+        checks=artefact_checks(found.readings),
+        notes=(found.phase.sentence(), *found.probe.notes),
+    )
+
+
+def _reading_record(reading: Reading) -> ReadingRecord:
+    return ReadingRecord(
+        name=reading.name,
+        unit=reading.unit,
+        measured=reading.measured,
+        reference=reading.reference,
+        error=reading.error,
+        u_measured=reading.u_measured,
+        u_reference=reading.u_reference,
+        en=reading.en,
+        points=reading.points,
+        budget=budget_rows(reading.budget),
+    )
