@@ -31,6 +31,15 @@ BOX = {
     },
 }
 
+# Tops up to seven fringes above the plate, turned, so that their shadows fall across the raster.
+BLOCK = {
+    "name": "block",
+    "kind": "artefact",
+    "position_mm": (10.0, -15.0),
+    "rotation_deg": 20.0,
+    "target": "step-block",
+}
+
 
 @dataclass(frozen=True)
 class Judged:
@@ -73,7 +82,7 @@ def simulated(rig, folder: Path) -> Judged:
 def thesis(tmp_path_factory) -> Judged:
     rig = load_rig("thesis")
     captures = [c.model_dump() for c in rig.capture if c.name != "leaf"]
-    return simulated(rig.at(capture=[*captures, BOX]), tmp_path_factory.mktemp("thesis") / "session")
+    return simulated(rig.at(capture=[*captures, BOX, BLOCK]), tmp_path_factory.mktemp("thesis") / "session")
 
 
 @pytest.fixture(scope="session")

@@ -145,7 +145,7 @@ def _(target: Steps, surface: Surface) -> Probe:
         half = 0.4 * float(np.min(np.abs(levels[levels != height] - height)))
         found = pieces_between(points, valid, height - half, height + half)
         if not found:
-            notes.append(f"the step of {height:g} mm is not seen")
+            notes.append(f"the step of {height:g} mm is not seen, or its phase is that of another level there")
             continue
         groups.append(_indices(found[0]))
         u = target.heights_mm.u_array(nominal.size)[index]
