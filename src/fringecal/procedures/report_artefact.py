@@ -3,6 +3,7 @@
 from datetime import datetime
 
 import numpy as np
+import pandas as pd
 
 from fringecal.procedures.artefacts import ArtefactVerification
 from fringecal.procedures.checks import artefact_checks
@@ -62,7 +63,8 @@ def _numbers(found: ArtefactVerification) -> Section:
         "en": "+z.2f",
     }
     names = {"u_measured": "u(measured)", "u_reference": "u(certificate)", "reference": "certified", "en": "En"}
-    frame = readings_table(found.readings).rename(columns=names)
+    frame = readings_table(found.readings)
+    frame.columns = pd.Index([names.get(name, name) for name in frame.columns])
     table = Table("Numbers", frame, _NOTE, {names.get(name, name): form for name, form in formats.items()})
     return Section(
         "Errors", (found.sentence, *(f"{note[0].upper()}{note[1:]}." for note in found.probe.notes)), (table,)

@@ -105,7 +105,7 @@ def artefact_capture(session: Session, name: str | None, calibration: RigCalibra
     SessionError
         No such capture, no target to judge by, or pictures of another size than the calibration's.
     """
-    capture = session.one("artefact") if name is None else session.named(name)
+    capture = _only_artefact(session) if name is None else session.named(name)
     if capture.target is None:
         raise SessionError([f"capture {capture.name!r}: names no target; state the artefact with its certificate"])
     if capture.use == "calibration":
@@ -117,6 +117,12 @@ def artefact_capture(session: Session, name: str | None, calibration: RigCalibra
         )
     demand_same_picture(capture, calibration)
     return capture
+
+
+def _only_artefact(session: Session) -> Capture:
+    """Return the only artefact that took no part in the calibration."""
+    free = [capture for capture in session.find("artefact") if capture.use != "calibration"]
+    return free[0] if len(free) == 1 else session.one("artefact")
 
 
 def demand_same_picture(capture: Capture, calibration: RigCalibration) -> None:

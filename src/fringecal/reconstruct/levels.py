@@ -7,9 +7,9 @@ level whose phase it has, if no other level, the plate included, has nearly the 
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 Array = NDArray[np.float64]
 
@@ -65,8 +65,7 @@ def _distance(step_rad: Array, predicted_rad: Array | float) -> Array:
 
 def _large_pieces(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Leave out specks: a flank that passes through a level's phase, the border of a shadow."""
-    opened = cv2.morphologyEx(inside.astype(np.uint8), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8))
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= _LEAST_PIXELS
+    labels, number = ndimage.label(ndimage.binary_opening(inside, np.ones((5, 5), dtype=bool)))
+    large = np.bincount(labels.ravel(), minlength=number + 1) >= _LEAST_PIXELS
     large[0] = False
     return large[labels]

@@ -1,8 +1,8 @@
 """Artefacts on the plate as connected pieces of a measured surface, their rims left out."""
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from fringecal.errors import FitError
 from fringecal.verify.shape import Floats, Surface
@@ -37,16 +37,15 @@ def valid_points(surface: Surface) -> tuple[Floats, Mask]:
 def pieces_between(points: Floats, valid: Mask, low_mm: float, high_mm: float, *, rim_px: int = RIM_PX) -> list[Mask]:
     """Return the connected pieces whose heights lie between two levels, the largest first, without their rims."""
     z = points[..., 2]
-    inside = (valid & (z > low_mm) & (z < high_mm)).astype(np.uint8)
-    opened = cv2.morphologyEx(inside, cv2.MORPH_OPEN, np.ones((_OPENED_PX, _OPENED_PX), np.uint8))
-    number, labels, stats, _ = cv2.connectedComponentsWithStats(opened, connectivity=4)
-    order = sorted(range(1, number), key=lambda k: -stats[k, cv2.CC_STAT_AREA])
-    kernel = np.ones((2 * rim_px + 1, 2 * rim_px + 1), np.uint8)
+    opened = ndimage.binary_opening(valid & (z > low_mm) & (z < high_mm), np.ones((_OPENED_PX, _OPENED_PX), dtype=bool))
+    labels, number = ndimage.label(opened)
+    sizes = np.bincount(labels.ravel(), minlength=number + 1)
+    kernel = np.ones((2 * rim_px + 1, 2 * rim_px + 1), dtype=bool)
     found = []
-    for label in order:
-        if stats[label, cv2.CC_STAT_AREA] < _MIN_PIXELS:
+    for label in sorted(range(1, number + 1), key=lambda k: -sizes[k]):
+        if sizes[label] < _MIN_PIXELS:
             break
-        core = cv2.erode((labels == label).astype(np.uint8), kernel, borderValue=0).astype(bool) & valid
+        core = ndimage.binary_erosion(labels == label, kernel) & valid
         if np.count_nonzero(core) >= _MIN_PIXELS:
             found.append(core)
     return found
