@@ -1,0 +1,221 @@
+"""Compiled kernels of unwrapping: neighbours are joined to pieces by a union-find whose links carry whole periods.
+
+A *node* is one int64 for each pixel: below, 32 bits with the pixel that it hangs on (its own number: a root);
+above, the periods by which its phase exceeds that one's, 0 for a root. The root of a piece is its first pixel in
+raster order. A *link* is one int32 for two neighbours: twice the later pixel, plus 1 if the earlier one is above
+it and not beside it. Neither depends on the number of threads.
+"""
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import NDArray
+
+N_SWEEPS, N_CLASSES = 4, 9
+"""Links of the first classes go by the worse of their pixels alone, all others by both; class 0 is the best."""
+
+MASKED = np.uint8(N_CLASSES)
+MAX_PIXELS = 2**30
+
+_STRIPS = 16
+_KEYS = 2 * N_CLASSES
+_PARENT = np.int64(2**32 - 1)
+_TWO_PI = 2 * np.pi
+_PER_TURN = np.float32(1 / _TWO_PI)
+
+
+def _table() -> NDArray[np.uint8]:
+    """Return the place in the queue of a link between two classes; 0 if it is joined before, or never."""
+    table = np.zeros((16, 16), np.uint8)
+    for a, b in np.ndindex(N_CLASSES, N_CLASSES):
+        table[a, b] = max(a, b) if max(a, b) < N_SWEEPS else a + b
+    return table
+
+
+_TABLE = _table()
+
+
+@njit(inline="always")
+def _find(nodes, pixel):  # type: ignore[no-untyped-def]
+    """Return the root of a pixel and its order against it, halving the path on the way."""
+    total, node = np.int64(0), nodes[pixel]
+    while True:
+        above = node & _PARENT
+        top = nodes[above]
+        if top & _PARENT == above:
+            # The root, or one that hangs on it; the order of a root is 0.
+            return above, total + (node >> 32)
+        order = (node >> 32) + (top >> 32)
+        nodes[pixel] = (order << 32) | (top & _PARENT)
+        total += order
+        pixel = top & _PARENT
+        node = nodes[pixel]
+
+
+@njit(inline="always")
+def _join(phase, p, q, at_p, at_q, nodes):  # type: ignore[no-untyped-def]
+    """Join the pieces of neighbours p and q, whose roots and orders are known; return q's root and order."""
+    (root_p, order_p), (root_q, order_q) = at_p, at_q
+    if root_p == root_q:
+        return at_q
+    # Periods to add to q's piece so that p and q differ by less than half a period.
+    jump = np.int64(np.rint((phase[p] - phase[q]) * _PER_TURN)) + order_p - order_q
+    if root_p < root_q:
+        nodes[root_q] = (jump << 32) | root_p
+        return root_p, order_q + jump
+    nodes[root_p] = (-jump << 32) | root_q
+    return at_q
+
+
+@njit(inline="always")
+def _join_rows(phase, classes, width, rows, nodes):  # type: ignore[no-untyped-def]
+    """Join all neighbours of class 0 in some rows: along a row, no search for roots is needed."""
+    first, last = rows
+    for start in range(first * width, last * width, width):
+        connected, root, mine = False, np.int64(start), np.int64(0)
+        for pixel in range(start, start + width):
+            if classes[pixel] != 0:
+                connected = False
+                nodes[pixel] = pixel
+                continue
+            if connected:
+                mine += np.int64(np.rint((phase[pixel - 1] - phase[pixel]) * _PER_TURN))
+            else:
+                connected, root, mine = True, np.int64(pixel), np.int64(0)
+            nodes[pixel] = (mine << 32) | root
+            up = pixel - width
+            if start > first * width and classes[up] == 0:
+                at = _find(nodes, up)
+                if at[0] != root:
+                    root, mine = _join(phase, up, pixel, at, (root, mine), nodes)
+
+
+@njit(parallel=True, cache=True)
+def join_best(phase, classes, width):  # type: ignore[no-untyped-def]
+    """Make the nodes and join neighbours of class 0: strip by strip at once, then across the strips' borders.
+
+    Parameters
+    ----------
+    phase, classes
+        Wrapped phase, float32 rad, and classes, uint8; flat, `width` pixels a row.
+    """
+    height = phase.size // width
+    strips = min(_STRIPS, height)
+    nodes = np.empty(phase.size, np.int64)
+    for s in prange(strips):
+        _join_rows(phase, classes, width, (height * s // strips, height * (s + 1) // strips), nodes)
+    for s in range(1, strips):
+        start = width * (height * s // strips)
+        for pixel in range(start, start + width):
+            up = pixel - width
+            if classes[pixel] == 0 and classes[up] == 0:
+                _join(phase, up, pixel, _find(nodes, up), _find(nodes, pixel), nodes)
+    return nodes
+
+
+@njit(inline="always")
+def _count_links(classes, width, rows, counts):  # type: ignore[no-untyped-def]
+    """Count the links of some rows by their place in the queue."""
+    for i in range(rows[0], rows[1]):
+        here = classes[i * width : (i + 1) * width]
+        for j in range(1, width):
+            counts[_TABLE[here[j - 1], here[j]]] += 1
+        if i > 0:
+            above = classes[(i - 1) * width : i * width]
+            for j in range(width):
+                counts[_TABLE[above[j], here[j]]] += 1
+
+
+@njit(inline="always")
+def _place_links(classes, width, rows, at, links):  # type: ignore[no-untyped-def]
+    """Write the links of some rows where `at` says; a link of place 0 is overwritten by the next, not branched over."""
+    step = np.ones(_KEYS, np.int64)
+    step[0] = 0
+    for pixel in range(rows[0] * width, rows[1] * width):
+        mine = classes[pixel]
+        if pixel % width:
+            key = _TABLE[classes[pixel - 1], mine]
+            links[at[key]] = 2 * pixel
+            at[key] += step[key]
+        if pixel >= width:
+            key = _TABLE[classes[pixel - width], mine]
+            links[at[key]] = 2 * pixel + 1
+            at[key] += step[key]
+
+
+@njit(parallel=True, cache=True)
+def sorted_links(classes, width):  # type: ignore[no-untyped-def]
+    """Return all links but those of class 0, the best first, in raster order where they are equally good.
+
+    A counting sort whose loops hold no branch that depends on the picture: in noise, guessing such branches wrong
+    takes longer than all the rest.
+    """
+    height = classes.size // width
+    strips = min(_STRIPS, height)
+    counts = np.zeros((strips, _KEYS), np.int64)
+    for s in prange(strips):
+        mine = np.zeros(_KEYS, np.int64)  # of one's own, for strips' counts share a cache line
+        _count_links(classes, width, (height * s // strips, height * (s + 1) // strips), mine)
+        counts[s] = mine
+    total = 0
+    for key in range(1, _KEYS):
+        for s in range(strips):
+            counts[s, key], total = total, total + counts[s, key]
+    links = np.empty(total + strips, np.int32)
+    for s in prange(strips):
+        at = counts[s].copy()
+        at[0] = total + s
+        _place_links(classes, width, (height * s // strips, height * (s + 1) // strips), at, links)
+    return links[:total]
+
+
+@njit(cache=True)
+def join_links(phase, width, links, nodes):  # type: ignore[no-untyped-def]
+    """Join neighbours link by link, in their order."""
+    for link in links:
+        q = np.int64(link >> 1)
+        p = q - (width if link & 1 else 1)
+        if (nodes[p] ^ nodes[q]) & _PARENT:
+            _join(phase, p, q, _find(nodes, p), _find(nodes, q), nodes)
+
+
+@njit(parallel=True, cache=True)
+def hang_on_roots(nodes, width):  # type: ignore[no-untyped-def]
+    """Let every node hang on its root; what another thread has done already is another path to the same root."""
+    for i in prange(nodes.size // width):
+        for pixel in range(i * width, (i + 1) * width):
+            node = nodes[pixel]
+            above, order = node & _PARENT, node >> 32
+            top = nodes[above]
+            while top & _PARENT != above:
+                order += top >> 32
+                above = top & _PARENT
+                top = nodes[above]
+            nodes[pixel] = (order << 32) | above
+
+
+@njit(cache=True)
+def number_roots(nodes, classes):  # type: ignore[no-untyped-def]
+    """Number the roots that are not masked in raster order; 0 elsewhere."""
+    pieces = np.zeros(nodes.size, np.int32)
+    count = 0
+    for pixel in range(nodes.size):
+        if nodes[pixel] & _PARENT == pixel and classes[pixel] != MASKED:
+            count += 1
+            pieces[pixel] = count
+    return pieces
+
+
+@njit(parallel=True, cache=True)
+def add_periods(phase, classes, nodes, pieces):  # type: ignore[no-untyped-def]
+    """Return the phase with its periods, NaN where masked, and complete the numbers of the pieces."""
+    height, width = phase.shape
+    result = np.empty((height, width))
+    for i in prange(height):
+        for j in range(width):
+            pixel = i * width + j
+            root = nodes[pixel] & _PARENT
+            masked = classes[pixel] == MASKED
+            result[i, j] = np.nan if masked else phase[i, j] + _TWO_PI * (nodes[pixel] >> 32)
+            if root != pixel:
+                pieces[pixel] = pieces[root]
+    return result
