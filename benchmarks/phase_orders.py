@@ -60,7 +60,10 @@ def spatial(side: int) -> None:
     print(f"{'right order, ' + str(side) + ' x ' + str(side):24s}" + "".join(f"{m:>24s}" for m in methods))
     for name, truth in scenes(side, np.random.default_rng(5)).items():
         wrapped, cells = np.angle(np.exp(1j * truth)), []
-        for method in methods.values():
+        for title, method in methods.items():
+            if title == "OpenCV histogram" and "0.3 rad" in name and side > 256:
+                cells.append("not run")  # minutes
+                continue
             start = time.process_time()
             share = right(method(wrapped), truth)
             cells.append(f"{share:.4%} in {1e3 * (time.process_time() - start):6.0f} ms")
