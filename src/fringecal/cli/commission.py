@@ -56,7 +56,11 @@ def commission(
         print_json(record.model_dump(mode="json"))
     else:
         console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
-        for sentence in (*record.notes, *(f"check failed: {check.name}" for check in failed)):
+        for sentence in (
+            *record.notes,
+            *found.advice.sentences[-1:],
+            *(f"check failed: {check.name}" for check in failed),
+        ):
             console.print(sentence, markup=False, highlight=False, soft_wrap=True)
         console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
     if failed:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from fringecal.procedures.further import CONTRADICTS
 from fringecal.records.parts import Check
 from fringecal.uncertainty.conformity import decide
 from fringecal.verify.readings import Reading
@@ -45,7 +46,30 @@ def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
                 rule="|En| <= 1, En = difference over the root sum of squares of both expanded uncertainties (k = 2)",
             )
         )
-    return tuple(checks)
+    return (*checks, _heights_check(found))
+
+
+def _heights_check(found: "Commissioning") -> Check:
+    """Hold the stated heights against each other, or say that nothing in the session can."""
+    name = "stated heights against one another"
+    if not found.further:
+        # Plate and strips alone fit any height of the strips equally well: a wrong one scales all heights.
+        known = found.theory is not None
+        rule = (
+            "only the stated projector position bears the strips' height out; see the angle against theory"
+            if known
+            else "nothing in this session would show a wrong strip height; state projector.position_mm, or add an "
+            'artefact of known height with use = "calibration"'
+        )
+        return Check(name=name, value=0.0, decision="info" if known else "conditionalPass", rule=rule)
+    largest = max((abs(float(v)) for moved in found.fit.doubts for v in moved), default=0.0)
+    return Check(
+        name=name,
+        value=largest,
+        limit=CONTRADICTS,
+        decision="fail" if largest > CONTRADICTS else "pass",
+        rule="no stated height is moved by more standard uncertainties than this so that all agree",
+    )
 
 
 def verification_checks(found: "Verification") -> tuple[Check, ...]:

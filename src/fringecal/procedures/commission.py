@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from fringecal.procedures.further import (
     strips_target,
     with_further,
 )
+from fringecal.projection.advice import Advice, advise
 from fringecal.projection.angle import (
     ProjectorPosition,
     angle_estimate,
@@ -99,6 +101,12 @@ class Commissioning:
         lens = () if self.camera.lens is None else self.camera.lens.notes
         further = (note for artefact in self.further for note in artefact.notes)
         return (*orders, *lens, *further, *self.contradictions, self.angle_sentence)
+
+    @cached_property
+    def advice(self) -> Advice:
+        """What heights will be known to, and what one more artefact would buy; computed when first asked for."""
+        noise = float(np.nanmedian(self.reference.map.sigma[self.reference.map.valid]))
+        return advise(self.observations, self.camera.fit, self.fit, noise_rad=noise)
 
     @property
     def contradictions(self) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from fringecal.targets import Strips
 
 Array = NDArray[np.float64]
 
-_CONTRADICTS = 2.6  # standard uncertainties: 1 % of honest statements go beyond
+CONTRADICTS = 2.6  # standard uncertainties: 1 % of honest statements go beyond
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def contradictions(observations: Observations, fit: RigFit) -> tuple[str, ...]:
     found = []
     for surface, moved in enumerate(fit.doubts):
         for doubt, value in zip(observations.doubts_of(surface), moved, strict=True):
-            if abs(value) > _CONTRADICTS:
+            if abs(value) > CONTRADICTS:
                 height = observations.height_mm[surface].value
                 found.append(
                     f"The artefacts contradict one another: to agree with the others, the {doubt.label} "

@@ -15,6 +15,7 @@ from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.lens_recording import lens_record
 from fringecal.procedures.verification import Verification
+from fringecal.projection.advice import Advice
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.columns import ColumnAngle
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel
@@ -63,6 +64,33 @@ def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> 
         checks=commissioning_checks(found),
         targets=_targets_of(found.session),
         notes=(found.reference.sentence(), found.strips_capture.sentence(), *found.notes),
+        advice=_advice_record(found.advice),
+    )
+
+
+def _advice_record(advice: Advice) -> record.AdviceRecord:
+    return record.AdviceRecord(
+        forecasts=tuple(
+            record.ForecastRecord(
+                height_mm=f.z_mm,
+                u_mm=f.rms_mm,
+                u_least_mm=float(f.u_mm.min()),
+                u_largest_mm=float(f.u_mm.max()),
+                causes_mm=f.causes(),
+            )
+            for f in advice.forecasts
+        ),
+        proposals=tuple(
+            record.ProposalRecord(
+                name=g.proposal.name,
+                heights_mm=g.proposal.heights_mm,
+                u_height_mm=g.proposal.u_mm,
+                u_before_mm=tuple(g.before_mm.values()),
+                u_after_mm=tuple(g.after_mm.values()),
+            )
+            for g in advice.gains
+        ),
+        sentences=advice.sentences,
     )
 
 

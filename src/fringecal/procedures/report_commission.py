@@ -6,6 +6,7 @@ from datetime import datetime
 from fringecal.procedures.angle import angles_of
 from fringecal.procedures.checks import commissioning_checks
 from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.report_advice import advice_section
 from fringecal.procedures.report_angle import angle_section, budgets_section
 from fringecal.procedures.report_camera import camera_section, largest_scale_error_percent
 from fringecal.procedures.report_lens import lens_section
@@ -46,6 +47,7 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
             rig_section(found, residuals),
             angle_section(angles_of(found)),
             budgets_section(found),
+            advice_section(found),
         ),
         inputs=_inputs(found),
         versions=software_versions(),

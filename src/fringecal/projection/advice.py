@@ -21,7 +21,7 @@ from fringecal.uncertainty.estimates import Estimate
 Array = NDArray[np.float64]
 
 HEIGHTS_MM = (5.0, 20.0, 50.0)  # asked for by default
-_POINTS = 4_000  # of a surface: enough for a forecast
+_POINTS = 2_000  # of a surface: enough for a forecast
 _FIELD = 0.9  # share of the picture's sides that a flat or strips reach
 _WORTH = 0.9  # a fall of the uncertainty to more than this is not worth an artefact
 

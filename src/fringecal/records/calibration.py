@@ -181,6 +181,34 @@ class RigRecord(Part):
         return self
 
 
+class ForecastRecord(Part):
+    """What a height will be known to: standard uncertainty over the field in mm, and by cause."""
+
+    height_mm: float
+    u_mm: Uncertainty
+    u_least_mm: Uncertainty
+    u_largest_mm: Uncertainty
+    causes_mm: dict[str, float]
+
+
+class ProposalRecord(Part):
+    """What one more artefact would do to the standard uncertainty of each height in `forecasts`, mm."""
+
+    name: str
+    heights_mm: tuple[float, ...]
+    u_height_mm: Uncertainty
+    u_before_mm: tuple[float, ...]
+    u_after_mm: tuple[float, ...]
+
+
+class AdviceRecord(Part):
+    """What to measure next: forecasts by height, proposals with the best first, and plain sentences."""
+
+    forecasts: tuple[ForecastRecord, ...]
+    proposals: tuple[ProposalRecord, ...] = ()
+    sentences: tuple[str, ...] = ()
+
+
 class CalibrationRecord(Provenance):
     """The calibration of a rig, as written to ``calibration.json``."""
 
@@ -199,6 +227,7 @@ class CalibrationRecord(Provenance):
         default_factory=dict, description="full content of each target used, by its name"
     )
     notes: tuple[str, ...] = ()
+    advice: AdviceRecord | None = None
 
     @model_validator(mode="after")
     def _rig_and_camera_agree(self) -> Self:
