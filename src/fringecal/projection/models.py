@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 from fringecal.camera.plate import Rays
 from fringecal.projection.angle import fringe_pitch_mm
 from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.pixelwise import fit_pixelwise
 from fringecal.projection.rig import RigModel
 
 Array = NDArray[np.float64]
 
 #: Names of the height models, from worst to best known.
-HEIGHT_MODELS = ("constant-angle", "column-angle", "projective")
+HEIGHT_MODELS = ("constant-angle", "column-angle", "cubic", "pixelwise", "pixelwise-three-term", "projective")
+_PIXELWISE = {"cubic": "cubic", "pixelwise": "inverse-linear", "pixelwise-three-term": "three-term"}
+_FLATS = 5
+_HIGHEST = 0.12  # of the field's shorter side: height of the highest virtual flat
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,9 @@ def height_model(calibration: RigCalibration, name: str = "projective") -> Heigh
 
     ``constant-angle``: `z = p0 dphi / (2 pi tan(theta0))`, one apparent angle and one pitch, taken at the plate's
     origin: the thesis. ``column-angle``: the same with pitch and apparent angle of each pixel's own plate point,
-    first order in z. ``projective``: the rig model, exact.
+    first order in z. ``projective``: the rig model, exact. ``pixelwise``, ``pixelwise-three-term`` and ``cubic``: a
+    law of its own at every pixel (`projection.pixelwise`), fitted to five virtual flats seen by the rig model; they
+    show what these laws can hold, not what flats on a bench would give.
 
     Raises
     ------
@@ -44,6 +50,8 @@ def height_model(calibration: RigCalibration, name: str = "projective") -> Heigh
         "column-angle": lambda: HeightModel(name, lambda phase, rays: _first_order(rig, phase, rays)),
         "projective": lambda: HeightModel(name, rig.height),
     }
+    if name in _PIXELWISE:
+        return _pixelwise(calibration, name, _PIXELWISE[name])
     if name not in makers:
         raise KeyError(f"no height model is called {name!r}; known: {', '.join(HEIGHT_MODELS)}")
     return makers[name]()
@@ -62,6 +70,19 @@ def _constant_angle(calibration: RigCalibration) -> HeightModel:
         return -step * pitch / (2 * math.pi * tangent)
 
     return HeightModel("constant-angle", height)
+
+
+def _pixelwise(calibration: RigCalibration, name: str, law: str) -> HeightModel:
+    rig, camera = calibration.model, calibration.camera
+    shorter = camera.scale("mean").value * min(camera.width_px, camera.height_px)
+    heights = _HIGHEST * shorter * np.arange(1, _FLATS + 1) / _FLATS
+
+    def height(phase: Array, rays: Rays) -> Array:
+        plate = rig.phase(rays.ax, rays.ay, 0.0)
+        flats = np.stack([rig.phase(*rays.at(z), z) - plate for z in heights])
+        return fit_pixelwise(flats, heights, law=law).height(phase - plate)
+
+    return HeightModel(name, height)
 
 
 def _first_order(rig: RigModel, phase: Array, rays: Rays) -> Array:
