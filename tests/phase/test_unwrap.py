@@ -179,3 +179,26 @@ def test_a_tear_that_nothing_masks(sigma, tear, rng, wrap):
 def test_single_precision_gives_the_same_orders(rng, wrap):
     wrapped = wrap(SMOOTH + 0.2 * rng.standard_normal(SHAPE)).astype(np.float32)
     np.testing.assert_allclose(unwrap(wrapped).phase, unwrap(wrapped.astype(float)).phase, atol=1e-6)
+
+
+def test_threads_change_nothing(rng, wrap):
+    # Rows are joined in strips at once; 0.8 rad of noise makes the order of joining matter.
+    import numba
+
+    wrapped = wrap(SMOOTH + 0.8 * rng.standard_normal(SHAPE))
+    many, before = unwrap(wrapped), numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = unwrap(wrapped)
+    finally:
+        numba.set_num_threads(before)
+    np.testing.assert_array_equal(one.phase, many.phase)
+    np.testing.assert_array_equal(one.pieces, many.pieces)
+
+
+def test_what_is_too_large_for_a_phase_is_masked(wrap):
+    wrapped = wrap(SMOOTH)
+    wrapped[7, 9] = 1e300
+    found = unwrap(wrapped)
+    assert found.pieces[7, 9] == 0
+    assert share_of_right_order(found, SMOOTH) == 1.0
