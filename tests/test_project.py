@@ -15,6 +15,7 @@ import typer
 import fringecal
 from fringecal.cli.app import VERBS, build_app
 from fringecal.session import SessionDocument
+from fringecal.session.document import CameraTable, CaptureTable, PhaseTable, ProjectorTable
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -206,3 +207,12 @@ def test_exit_codes_of_error_and_usage(tmp_path):
     assert "nowhere" in missing.stderr + missing.stdout
     assert fringecal_command("chekc").returncode == EXIT_USAGE
     assert fringecal_command("check").returncode == EXIT_USAGE
+
+
+def test_every_key_of_a_session_is_documented():
+    page = (ROOT / "docs" / "session.md").read_text(encoding="utf-8")
+    tables = [CameraTable, ProjectorTable, PhaseTable, CaptureTable, SessionDocument]
+    keys = {key for table in tables for key in table.model_fields} - {"camera", "projector", "phase", "capture"}
+    assert {
+        key for key in keys if f"`{key}`" not in page and f"`{key} =" not in page and f"\n{key} =" not in page
+    } == set()

@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
@@ -51,20 +51,11 @@ def commission(
                 write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)
             write_report(report, staging)
             write_calibration(record, staging)
-    failed = [check for check in record.checks if check.decision == "fail"]
     if as_json:
         print_json(record.model_dump(mode="json"))
-    else:
-        console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
-        for sentence in (
-            *record.notes,
-            *found.advice.sentences[-1:],
-            *(f"check failed: {check.name}" for check in failed),
-        ):
-            console.print(sentence, markup=False, highlight=False, soft_wrap=True)
-        console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(3)
+        raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
+    console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
+    tell_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:]), out)
 
 
 def _table(estimates) -> Table:  # type: ignore[no-untyped-def]

@@ -1,18 +1,38 @@
 """What every verb writes: record, tables, figures and report, all together or not at all."""
 
+import os
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import typer
 
 from fringecal.cli.console import console
 from fringecal.errors import RecordError
 
 if TYPE_CHECKING:
+    from fringecal.records.parts import Check
     from fringecal.report.structure import Report
 
 REPORT_FILE = "report.html"
 SHEETS_FILE = "report.pdf"
+
+_VERDICTS = {
+    "pass": "PASS",
+    "conditionalPass": "CONDITIONAL PASS: within the limits, but not by the guard band",
+    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but not by the guard band",
+    "fail": "FAIL",
+    "info": "NO VERDICT: nothing was judged",
+}
+_STYLES = {
+    "pass": "bold green",
+    "conditionalPass": "bold yellow",
+    "conditionalFail": "bold yellow",
+    "fail": "bold red",
+    "info": "bold",
+}
 
 
 def write_report(report: "Report", folder: Path) -> None:
@@ -36,11 +56,41 @@ def demand_folder(out: Path) -> None:
     Raises
     ------
     RecordError
-        `out` is a file, or lies in one.
+        `out` is a file, or lies in one, or in a folder where nothing may be written.
     """
     for place in (out, *out.absolute().parents):
         if place.is_file():
             raise RecordError(f"{out}: a folder for results was needed, but {place} is a file; name another")
+        if place.is_dir():
+            if not os.access(place, os.W_OK | os.X_OK):
+                raise RecordError(f"{out}: nothing may be written in {place}; name another folder for the results")
+            return
+
+
+def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:
+    """Print what was found in sentences, then the verdict over all checks and where the report is.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3 where a check failed.
+    """
+    from fringecal.procedures.report_parts import severest
+
+    say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+    for sentence in sentences:
+        say(sentence)
+    failed = [check for check in checks if check.decision == "fail"]
+    judged = sum(check.decision != "info" for check in checks)
+    verdict = severest(checks)
+    say(f"{_VERDICTS[verdict]} ({judged} checks, En with k = 2)", style=_STYLES[verdict])
+    for check in failed:
+        value = "" if check.value is None else f": {check.value:.4g} {check.unit}".rstrip()
+        limit = "" if check.limit is None else f", limit {check.limit:.4g}"
+        say(f"check failed: {check.name}{value}{limit} ({check.rule})")
+    say(f"report: {out / REPORT_FILE}")
+    if failed:
+        raise typer.Exit(3)
 
 
 def _made(folder: Path) -> Path:

@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
@@ -58,16 +58,11 @@ def verify(
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
             write_verification(record, staging)
-    failed = [check for check in record.checks if check.decision == "fail"]
     if as_json:
         print_json(record.model_dump(mode="json"))
-    else:
-        console.print(table)
-        for sentence in (record.sentence, *(f"check failed: {check.name}" for check in failed)):
-            console.print(sentence, markup=False, highlight=False, soft_wrap=True)
-        console.print(f"report: {out / 'report.html'}", markup=False, highlight=False, soft_wrap=True)
-    if failed:
-        raise typer.Exit(3)
+        raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
+    console.print(table)
+    tell_outcome(record.checks, (record.sentence,), out)
 
 
 def _bars(session, capture, rig, file, command, show, *, rows, filters):  # type: ignore[no-untyped-def]

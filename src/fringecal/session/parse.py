@@ -110,7 +110,11 @@ def parse_folder(folder: Path) -> Parsed:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except FileNotFoundError:
-        return _refused(str(folder), f"no {FILE_NAME} in the folder", "write one; docs show the format")
+        return _refused(
+            str(folder),
+            f"no {FILE_NAME} in the folder",
+            "write one; docs/session.md lists its keys, `fringecal simulate thesis --out DIR` makes an example",
+        )
     except UnicodeDecodeError as error:
         return _refused(FILE_NAME, f"not UTF-8 text (byte {error.start})", "save it as UTF-8")
     except OSError as error:
@@ -121,7 +125,7 @@ def parse_folder(folder: Path) -> Parsed:
 def parse_text(text: str) -> Parsed:
     """Read the text of a `session.toml`; never raises."""
     if not text.strip():
-        return _refused(FILE_NAME, "empty", "describe the session in it; docs show the format")
+        return _refused(FILE_NAME, "empty", "describe the session in it; docs/session.md lists its keys")
     try:
         table = tomllib.loads(text)
     except RecursionError:
