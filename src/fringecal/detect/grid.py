@@ -12,7 +12,8 @@ from fringecal.detect.grid_nodes import edges_between
 from fringecal.detect.grid_refine import Pencil, Refined, present_edges, refine_grid, stub_points
 from fringecal.detect.grid_seeds import coarse_grids
 from fringecal.detect.line_points import LineStatus
-from fringecal.detect.line_profile import LineProfile, fit_profile, mean_profile
+from fringecal.detect.line_profile import LineProfile
+from fringecal.detect.line_weights import fit_weights
 from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]
@@ -73,7 +74,7 @@ class GridDetection:
     polarity
         ``"dark"`` or ``"light"`` lines.
     profile
-        Width and blur of the lines, px.
+        Width and blur of the lines, px; of the light ones where there are two weights.
     """
 
     row: IntArray
@@ -129,9 +130,10 @@ def find_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") ->
     signs = {"auto": (-1, 1), "dark": (-1,), "light": (1,)}[polarity]
     coarse = choose_coarse(grey, coarse_grids(grey, signs=signs))
     nodes = coarse.lattice.nodes()
-    profile = _fit_profile(grey, nodes, coarse.sign)
-    refuse_other_patterns(grey, nodes, profile, coarse.sign)
-    pencil = Pencil(grey, profile, coarse.sign)
+    edges = edges_between(nodes, 0), edges_between(nodes, 1)
+    weights = fit_weights(grey, coarse.sign, edges)
+    refuse_other_patterns(grey, nodes, weights.profiles[0], coarse.sign)
+    pencil = Pencil(grey, weights, coarse.sign)
     found = refine_grid(pencil, nodes)
     _refuse_fragments(found)
     return _detection(pencil, found)
@@ -152,15 +154,6 @@ def _as_grey(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     if float(np.ptp(grey)) == 0.0:
         raise DetectionError("the picture has one single brightness everywhere: no grid to be seen")
     return grey
-
-
-def _fit_profile(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) -> LineProfile:
-    """Width and blur of the lines, from the mean cross-section of the coarse edges."""
-    edges = [edges_between(nodes, family) for family in (0, 1)]
-    start = np.concatenate([e.start for e in edges])
-    end = np.concatenate([e.end for e in edges])
-    half = max(2.5, 0.45 * float(np.median(np.concatenate([e.spacing for e in edges]))))
-    return fit_profile(*mean_profile(np.float32(sign) * grey, start, end, min(half, 40.0)))
 
 
 def _refuse_fragments(found: Refined) -> None:
@@ -193,7 +186,7 @@ def _detection(pencil: Pencil, found: Refined) -> GridDetection:
         tuple(_family_lines(pencil, found, 0) + _family_lines(pencil, found, 1)),
         (height, width),
         "light" if pencil.sign > 0 else "dark",
-        pencil.profile,
+        pencil.weights.profiles[0],
     )
 
 

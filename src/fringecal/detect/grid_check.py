@@ -1,9 +1,12 @@
 """Is it a line grid? Choice among candidate lattices, and plain refusal of what only resembles one."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from fringecal.detect.grid_lattice import Lattice
 from fringecal.detect.grid_nodes import Edges, along, edges_between
 from fringecal.detect.grid_seeds import CoarseGrid
 from fringecal.detect.line_profile import LineProfile
@@ -16,6 +19,7 @@ MIN_PRESENT = 0.6
 MIN_RELATIVE_EDGE = 0.2
 MAX_CANDIDATE_EDGES = 200
 MIN_PATTERN = 25
+MAX_REGROWTHS = 3
 MAX_RELATIVE_WIDTH = 0.55
 MIN_MIDDLE_CONTRAST = 0.6
 # Places on an edge, as parts of its length, that are clear of both crossings.
@@ -46,12 +50,57 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
         raise DetectionError(
             f"no line grid found: {what}; photograph grid paper square-on and in focus, 6 to 120 px per line"
         )
-    return best
+    return replace(best, lattice=_joined(grey, best))
+
+
+def _joined(grey: npt.NDArray[np.float32], coarse: CoarseGrid) -> Lattice:
+    """The lattice without what hangs on by no more than points: there its index may have slipped.
+
+    Behind a cover, or along a scratch, growth may pass over points that are no crossings, a little less than a
+    spacing apart each. Only cells with a line on all four sides are trusted, and of these the largest patch
+    joined side by side; from it the lattice grows anew.
+    """
+    lattice = coarse.lattice
+    for _ in range(MAX_REGROWTHS):
+        kept = _largest_patch(*_lines_seen(grey, lattice.nodes(), coarse.sign))
+        if not kept.any() or kept.sum() == lattice.member.size:
+            break
+        grown = lattice.regrown(kept)
+        if grown.member.size == kept.sum():
+            return grown
+        lattice = grown
+    return lattice
+
+
+def _lines_seen(
+    grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Whether a line is seen from every node to the next, along rows and along columns, (rows, columns)."""
+    least = MIN_RELATIVE_EDGE * sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
+    seen = np.zeros((2, *nodes.shape[:2]), dtype=bool)
+    for family in (0, 1):
+        edges = edges_between(nodes, family)
+        row, column = (edges.line, edges.place) if family == 0 else (edges.place, edges.line)
+        contrast = _contrast_at_thirds(grey, edges, sign, peak=True, most=len(edges.line))
+        seen[family, row, column] = contrast.min(axis=0) > least
+    return seen[0], seen[1]
+
+
+def _largest_patch(along_rows: npt.NDArray[np.bool_], along_columns: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Nodes (rows, columns) of the largest patch of whole cells that are joined side by side."""
+    cells = along_rows[:-1, :-1] & along_rows[1:, :-1] & along_columns[:-1, :-1] & along_columns[:-1, 1:]
+    _, label, stats, _ = cv2.connectedComponentsWithStats(cells.astype(np.uint8), connectivity=4)
+    largest = label == 1 + np.argmax(stats[1:, cv2.CC_STAT_AREA]) if len(stats) > 1 else np.zeros_like(cells)
+    nodes = np.zeros(along_rows.shape, dtype=bool)
+    for down in (slice(None, -1), slice(1, None)):
+        for right in (slice(None, -1), slice(1, None)):
+            nodes[down, right] |= largest
+    return nodes
 
 
 def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -> str:
     """Say what the largest lattice of extrema might be, if there is a large one."""
-    if not candidates or candidates[0].lattice.column.size < MIN_PATTERN:
+    if not candidates or candidates[0].lattice.member.size < MIN_PATTERN:
         return "no regular pattern of crossings"
     return f"the picture shows {_other_pattern(grey, candidates[0].lattice.nodes(), candidates[0].sign)}"
 
@@ -71,12 +120,14 @@ def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tupl
     return present, typical
 
 
-def _contrast_at_thirds(grey: npt.NDArray[np.float32], edges: Edges, sign: int, *, peak: bool) -> FloatArray:
+def _contrast_at_thirds(
+    grey: npt.NDArray[np.float32], edges: Edges, sign: int, *, peak: bool, most: int = MAX_CANDIDATE_EDGES
+) -> FloatArray:
     """Signed brightness on edges less that 3/8 of the spacing beside them, at three places (3, n) on each.
 
     On the edge it is the peak or the mean within a tenth of the spacing.
     """
-    pick = np.unique(np.linspace(0, len(edges.line) - 1, MAX_CANDIDATE_EDGES).astype(int))
+    pick = np.unique(np.linspace(0, len(edges.line) - 1, most).astype(int))
     start, step, spacing = edges.start[pick], (edges.end - edges.start)[pick], edges.spacing[pick]
     normal = np.stack([-step[:, 1], step[:, 0]], axis=1)
     normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]

@@ -22,10 +22,11 @@ from fringecal.detect.line_points import (
     cut_patches,
     measure_points,
 )
-from fringecal.detect.line_profile import LineProfile
+from fringecal.detect.line_weights import Weights, line_kinds
 from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Rounds of: predict missing crossings, measure lines, intersect. Each may extend the grid by one line;
@@ -53,16 +54,20 @@ MAX_STUB_OFFSET_PX = 0.5
 
 @dataclass(frozen=True)
 class Pencil:
-    """How to see lines: the grey picture, the lines' cross-section, and their sign (-1 dark, +1 light)."""
+    """How to see lines: the grey picture, the lines' cross-sections, and their sign (-1 dark, +1 light)."""
 
     grey: npt.NDArray[np.float32]
-    profile: LineProfile
+    weights: Weights
     sign: int
 
     def blurred(self, blur_px: float) -> "Pencil":
         """Return one that expects broader lines, and so catches them from further off."""
-        profile = replace(self.profile, blur_px=float(np.hypot(self.profile.blur_px, blur_px)))
-        return replace(self, profile=profile)
+        profiles = tuple(replace(p, blur_px=float(np.hypot(p.blur_px, blur_px))) for p in self.weights.profiles)
+        return replace(self, weights=replace(self.weights, profiles=profiles))
+
+    def kinds(self, edges: tuple[Edges, Edges], shape: tuple[int, int]) -> tuple[IntArray, IntArray]:
+        """Weight of every row and column."""
+        return line_kinds(self.grey, self.sign, edges, shape, self.weights)
 
 
 @dataclass(frozen=True)
@@ -75,6 +80,7 @@ class Refined:
     edges: tuple[Edges, Edges]
     points: tuple[LinePoints, LinePoints]
     lines: tuple[LocalLines, LocalLines]
+    kinds: tuple[IntArray, IntArray]
 
 
 def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
@@ -131,12 +137,13 @@ def _spacing(nodes: FloatArray) -> float:
 
 def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_px: float) -> Refined:
     """Measure all lines between the crossings and intersect them; unsupported crossings become NaN."""
-    shape = nodes.shape[:2]
+    shape = nodes.shape[0], nodes.shape[1]
     edges = (edges_between(nodes, 0), edges_between(nodes, 1))
-    points = (_measured(pencil, edges[0], tolerance_px), _measured(pencil, edges[1], tolerance_px))
+    kinds = pencil.kinds(edges, shape)
+    points = (_measured(pencil, edges, kinds, 0, tolerance_px), _measured(pencil, edges, kinds, 1, tolerance_px))
     smooth = fit_to_nodes(np.where(trusted[..., None], nodes, np.nan))
     rough = [deviations(smooth, family, edges[family], points[family]) for family in (0, 1)]
-    smooth = fit_to_points(smooth, rough, [p.status == LineStatus.OK for p in points], (shape[0], shape[1]))
+    smooth = fit_to_points(smooth, rough, [p.status == LineStatus.OK for p in points], shape)
     (first, lines0), (second, lines1) = (
         _local_lines(smooth, shape, family, edges[family], points[family]) for family in (0, 1)
     )
@@ -151,14 +158,29 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
     if kept.sum() < 9:
         raise DetectionError(f"no grid found: only {kept.sum()} crossings are joined by lines, 9 needed")
     sigma = np.sqrt(0.5 * (lines[0].sigma_px ** 2 + lines[1].sigma_px ** 2))
-    return Refined(crossing, np.where(kept, sigma, np.nan), smooth, edges, points, lines)
+    return Refined(crossing, np.where(kept, sigma, np.nan), smooth, edges, points, lines, kinds)
 
 
-def _measured(pencil: Pencil, edges: Edges, tolerance_px: float) -> LinePoints:
+def _measured(
+    pencil: Pencil,
+    edges: tuple[Edges, Edges],
+    kinds: tuple[IntArray, IntArray],
+    family: int,
+    tolerance_px: float,
+) -> LinePoints:
     """Points on all edges of a family."""
     most, longest_px = (ROUGH_PATCHES, PATCH_LENGTH_PX) if tolerance_px >= ROUGH_PX else (MAX_PATCHES, np.inf)
-    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile, most=most, longest_px=longest_px)
-    return _drop_faint(measure_points(pencil.grey, patches, pencil.profile, pencil.sign, tolerance_px=tolerance_px))
+    profiles = pencil.weights.profiles
+    own = _edge_kinds(edges[family], kinds, family, 1)
+    patches = cut_patches(edges[family], profiles, own, most=most, longest_px=longest_px)
+    return _drop_faint(measure_points(pencil.grey, patches, profiles, pencil.sign, tolerance_px=tolerance_px))
+
+
+def _edge_kinds(edges: Edges, kinds: tuple[IntArray, IntArray], family: int, way: int) -> IntArray:
+    """Weights (n, 3) of an edge's own line and of the lines that cross its start and its end."""
+    crossing = kinds[1 - family]
+    end = np.clip(edges.place + way, 0, len(crossing) - 1)
+    return np.stack([kinds[family][edges.line], crossing[edges.place], crossing[end]], axis=1)
 
 
 def _local_lines(
@@ -216,14 +238,16 @@ def _trimmed(found: Refined) -> Refined:
     )
     smooth = replace(found.smooth, middle=found.smooth.middle - np.array(first))
     lines = tuple(LocalLines(each.coefficients[cut], each.covariance[cut]) for each in found.lines)
-    return Refined(found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]))
+    kinds = found.kinds[0][cut[0]], found.kinds[1][cut[1]]
+    return Refined(found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]), kinds)
 
 
 def stub_points(pencil: Pencil, found: Refined, family: int, way: int) -> tuple[Edges, LinePoints]:
     """Good points on the pieces of line that stick out beyond the last crossing (way +1 or -1)."""
     edges = stubs(found.nodes, family, way)
-    patches = cut_patches(edges.start, edges.end, edges.spacing, pencil.profile)
-    points = measure_points(pencil.grey, patches, pencil.profile, pencil.sign)
+    profiles = pencil.weights.profiles
+    patches = cut_patches(edges, profiles, _edge_kinds(edges, found.kinds, family, way))
+    points = measure_points(pencil.grey, patches, profiles, pencil.sign)
     base = found.points[family]
     typical = np.median(base.contrast[base.status == LineStatus.OK])
     offset = np.hypot(points.u_px - patches.centre[:, 0], points.v_px - patches.centre[:, 1])

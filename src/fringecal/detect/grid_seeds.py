@@ -56,9 +56,9 @@ def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> l
             lattice = _level_lattice(points)
             if lattice is not None:
                 found.append(CoarseGrid(lattice.scaled(factor), sign))
-                if lattice.column.size > SETTLED_PART * len(points):
-                    settled = factor * np.median([lattice.u_px, lattice.v_px], axis=1)
-    return sorted(found, key=lambda grid: -grid.lattice.column.size)
+                if lattice.member.size > SETTLED_PART * len(points):
+                    settled = factor * np.median(points[lattice.member], axis=0)
+    return sorted(found, key=lambda grid: -grid.lattice.member.size)
 
 
 def _fine_lattice_near(level: npt.NDArray[np.float32], middle_px: FloatArray, signs: tuple[int, ...]) -> bool:
@@ -91,7 +91,7 @@ def _level_lattice(points: npt.NDArray[np.float64]) -> Lattice | None:
     if len(points) < MIN_CROSSINGS:
         return None
     lattice = grow_lattice(points, tries=MAX_SEED_TRIES)
-    return None if lattice is None or lattice.column.size < MIN_CROSSINGS else lattice
+    return None if lattice is None or lattice.member.size < MIN_CROSSINGS else lattice
 
 
 def _extrema(level: npt.NDArray[np.float32], signs: tuple[int, ...]) -> Iterator[tuple[int, npt.NDArray[np.float64]]]:

@@ -1,5 +1,6 @@
 """Sub-pixel points along a ruled line: least squares on the pixels of short patches beside the crossings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -7,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit, prange
 
+from fringecal.detect.grid_nodes import Edges
 from fringecal.detect.line_profile import TABLE_STEP_PX, LineProfile
 
 FloatArray = npt.NDArray[np.float64]
@@ -18,6 +20,10 @@ MAX_PATCHES = 12
 ITERATIONS = 5
 # Lines weaker than this multiple of their own uncertainty are not told from noise.
 MIN_SIGNIFICANCE = 5.0
+# Residuals of a line: up to this part of its contrast (sharp edges, uneven ink), and this multiple of their typical
+# variance.
+MAX_MISFIT = 0.15
+MAX_EXCESS = 9.0
 
 
 class LineStatus(IntEnum):
@@ -31,13 +37,14 @@ class LineStatus(IntEnum):
 
 @dataclass(frozen=True)
 class Patches:
-    """Where to look for a line: centres, unit directions and half sizes of rectangles, px, and their edge."""
+    """Where to look for a line: centres, unit directions and half sizes of rectangles, px, edge and line weight."""
 
     centre: FloatArray
     direction: FloatArray
     half_length: FloatArray
     half_width: FloatArray
     edge: IntArray
+    kind: IntArray
 
 
 @dataclass(frozen=True)
@@ -53,10 +60,9 @@ class LinePoints:
 
 
 def cut_patches(
-    start: FloatArray,
-    end: FloatArray,
-    spacing: FloatArray,
-    profile: LineProfile,
+    edges: Edges,
+    profiles: Sequence[LineProfile],
+    kinds: IntArray,
     *,
     most: int = MAX_PATCHES,
     longest_px: float = np.inf,
@@ -65,40 +71,42 @@ def cut_patches(
 
     Parameters
     ----------
-    start, end
-        Ends of the edges, px, (n, 2) as (u, v).
-    spacing
-        Distance to the neighbouring lines of the same family, px, (n,).
-    profile
-        Cross-section of the lines.
+    edges
+        Pieces of line between crossings.
+    profiles
+        Cross-sections of the lines, one for each weight.
+    kinds
+        Weight of the edge's own line, and of those that cross it at its start and its end, (n, 3).
     most
         Number of patches on the longest edges.
     longest_px
         Length of the longest patches; where they are shorter than the edge's share, pixels are left out.
     """
-    along = end - start
+    reach = np.array([profile.reach_px for profile in profiles])[kinds]
+    along = edges.end - edges.start
     length = np.hypot(along[:, 0], along[:, 1])
-    margin = np.minimum(profile.reach_px + 0.7, 0.4 * length)
-    free = length - 2 * margin
+    margin = np.minimum(reach[:, 1:] + 0.7, 0.4 * length[:, None])
+    free = length - margin.sum(axis=1)
     count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, most).astype(int)
-    edge = np.repeat(np.arange(len(start)), count)
+    edge = np.repeat(np.arange(len(length)), count)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
-    t = (margin[edge] + free[edge] * (k + 0.5) / count[edge]) / length[edge]
-    room = np.maximum(spacing - profile.reach_px, 0.5 * spacing)
-    half_width = np.minimum(profile.reach_px + 2.0 + 0.25 * profile.width_px, room)
+    t = (margin[edge, 0] + free[edge] * (k + 0.5) / count[edge]) / length[edge]
+    room = np.maximum(edges.spacing - reach.max(axis=1), 0.5 * edges.spacing)
+    width = np.array([profile.width_px for profile in profiles])[kinds[:, 0]]
     return Patches(
-        start[edge] + t[:, None] * along[edge],
+        edges.start[edge] + t[:, None] * along[edge],
         (along / length[:, None])[edge],
         0.5 * np.minimum(free[edge] / count[edge], longest_px),
-        half_width[edge],
+        np.minimum(reach[:, 0] + 2.0 + 0.25 * width, room)[edge],
         edge,
+        kinds[edge, 0],
     )
 
 
 def measure_points(
     image: npt.NDArray[np.float32],
     patches: Patches,
-    profile: LineProfile,
+    profiles: Sequence[LineProfile],
     sign: int,
     *,
     tolerance_px: float = 3e-3,
@@ -111,8 +119,8 @@ def measure_points(
         Grey picture, float32, (H, W).
     patches
         Rectangles along the expected lines.
-    profile
-        Cross-section of the lines.
+    profiles
+        Cross-sections of the lines, one for each weight.
     sign
         -1 for dark lines, +1 for light ones.
     tolerance_px
@@ -124,14 +132,16 @@ def measure_points(
     for b0, b1, b2, A and c by Gauss-Newton steps, the window moving with c. L is symmetric, so a wrong
     width or blur cannot shift c, and the free background slope keeps shading from doing so.
     """
-    table = np.ascontiguousarray(profile.table(float(patches.half_width.max(initial=1.0)) + 2.0).T)
+    far = float(patches.half_width.max(initial=1.0)) + 2.0
+    tables = np.ascontiguousarray([profile.table(far).T for profile in profiles])
     measured = _measure(
         image,
         patches.centre,
         patches.direction,
         patches.half_length,
         patches.half_width,
-        (table, profile.reach_px, 0.5 * profile.reach_px + 1.0, tolerance_px),
+        patches.kind,
+        (tables, np.array([profile.reach_px for profile in profiles]), tolerance_px),
     )
     offset, sigma, contrast, sigma_contrast, inside, variance = measured.T
     # The residual variance of one patch rests on few pixels; half of it is taken from all patches.
@@ -141,6 +151,8 @@ def measure_points(
     point = patches.centre + offset[:, None] * normal
     missing = ~np.isfinite(sigma) | (sign * contrast < MIN_SIGNIFICANCE * sigma_contrast)
     missing |= np.abs(offset) > 0.6 * patches.half_width
+    # The edge of a cover or of a shadow resembles a line, but leaves residuals as large as itself.
+    missing |= variance > MAX_MISFIT**2 * contrast**2 + MAX_EXCESS * _typical(variance)
     status = np.where(inside < 0.5, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
     return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
 
@@ -247,13 +259,15 @@ def _solve(normal, right, inverse, solution, size):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, parallel=True)
-def _measure(image, centre, direction, half_length, half_width, template):  # type: ignore[no-untyped-def] # pragma: no cover
+def _measure(image, centre, direction, half_length, half_width, kind, template):  # type: ignore[no-untyped-def] # pragma: no cover
     """Rows (offset, its u, contrast, its u, 1 if inside the picture, residual variance) of every patch."""
-    table, reach, step_limit, tolerance = template
+    tables, reaches, tolerance = template
     height, width = image.shape
     out = np.zeros((len(centre), 6))
     for p in prange(len(centre)):
         dx, dy = direction[p, 0], direction[p, 1]
+        table, reach = tables[kind[p]], reaches[kind[p]]
+        step_limit = 0.5 * reach + 1.0
         half = (half_length[p], half_width[p])
         reach_u = abs(dx) * (half[0] + 0.5) + abs(dy) * (half[1] + 0.5)
         reach_v = abs(dy) * (half[0] + 0.5) + abs(dx) * (half[1] + 0.5)

@@ -11,8 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 
 TABLE_STEP_PX = 1 / 32
 SAMPLE_STEP_PX = 0.25
-MAX_EDGES = 120
-MAX_STEPS = 6
+MAX_STEPS = 3
 # Part of an edge between crossings that is averaged for the mean profile: clear of the crossing lines.
 CLEAR_PART = (0.3, 0.7)
 
@@ -71,15 +70,17 @@ class LineProfile:
         return np.stack([self.height(distance), self.slope(distance)])
 
 
-def mean_profile(
-    image: npt.NDArray[np.float32], start: FloatArray, end: FloatArray, half_px: float
+def aligned_sections(
+    image: npt.NDArray[np.float32], sign: int, start: FloatArray, end: FloatArray, half_px: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Average cross-section of many short line pieces, each shifted to its own middle.
+    """Cross-sections of many short line pieces, each shifted to its own middle.
 
     Parameters
     ----------
     image
-        Grey picture with bright lines (dark ones negated), float32, (H, W).
+        Grey picture, float32, (H, W).
+    sign
+        -1 for dark lines, +1 for light ones.
     start, end
         Ends of the pieces, px, (n, 2) as (u, v).
     half_px
@@ -88,19 +89,23 @@ def mean_profile(
     Returns
     -------
     distance_px, brightness
-        Both (m,); brightness above the level of the cross-section's ends.
+        Places (m,) across, and signed brightness (n, m) above the level of the cross-section's darker end.
     """
-    pick = np.unique(np.linspace(0, len(start) - 1, MAX_EDGES).astype(int))
-    start, end = start[pick], end[pick]
     distance = np.arange(-half_px, half_px + SAMPLE_STEP_PX / 2, SAMPLE_STEP_PX)
     shift = np.zeros(len(start))
     for _ in range(3):
-        sections = _sections(image, start, end, distance, shift)
-        base = np.minimum(sections[:, :3].mean(axis=1), sections[:, -3:].mean(axis=1))
-        weight = np.maximum(sections - base[:, None], 0) * np.cos(np.pi / 2 * distance / half_px) ** 2
+        sections = sign * _sections(image, start, end, distance, shift)
+        sections -= np.minimum(sections[:, :3].mean(axis=1), sections[:, -3:].mean(axis=1))[:, None]
+        weight = np.maximum(sections, 0) * np.cos(np.pi / 2 * distance / half_px) ** 2
         shift += (weight * distance).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)
-    brightness = np.median(sections - base[:, None], axis=0)
-    return distance, 0.5 * (brightness + brightness[::-1])
+    return distance, sections
+
+
+def mean_section(sections: FloatArray) -> FloatArray:
+    """Median (m,) of cross-sections (n, m), made symmetric."""
+    brightness = np.median(sections, axis=0)
+    symmetric: FloatArray = 0.5 * (brightness + brightness[::-1])
+    return symmetric
 
 
 def _sections(
