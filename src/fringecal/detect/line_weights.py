@@ -15,6 +15,7 @@ EDGES_PER_LINE = 8
 # Heavy lines are at least so much wider than the others; less is the printer's or the lens's unevenness.
 MIN_RATIO = 1.25
 SPLIT_ROUNDS = 5
+MIN_SEPARATION = 4.0
 MAX_HALF_PX = 40.0
 # A cross-section is a line's if it has this part of the usual height, and its ends differ by less than this part.
 MIN_HEIGHT, MAX_STEP = 0.3, 0.3
@@ -116,7 +117,11 @@ def _line_medians(values: FloatArray, line: IntArray) -> FloatArray:
 
 
 def _split(width_px: FloatArray) -> float:
-    """Width between light and heavy lines by two means of the logarithm, infinite where they are one weight."""
+    """Width between light and heavy lines by two means of the logarithm, infinite where they are one weight.
+
+    Widths that only spread, as blur and lens make them, split into halves that are not much narrower than their
+    distance.
+    """
     log = np.log(np.maximum(width_px, 1e-3))
     split = 0.5 * (log.min() + log.max())
     for _ in range(SPLIT_ROUNDS):
@@ -125,4 +130,5 @@ def _split(width_px: FloatArray) -> float:
             return np.inf
         low, high = float(np.median(log[~heavy])), float(np.median(log[heavy]))
         split = 0.5 * (low + high)
-    return float(np.exp(split)) if high - low > np.log(MIN_RATIO) else np.inf
+    spread = 1.4826 * max(float(np.median(np.abs(log[~heavy] - low))), float(np.median(np.abs(log[heavy] - high))))
+    return float(np.exp(split)) if high - low > max(np.log(MIN_RATIO), MIN_SEPARATION * spread) else np.inf
