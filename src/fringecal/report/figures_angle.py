@@ -65,7 +65,9 @@ def angle_plot(
             color=ORANGE,
             marker="s",
             ms=3.5,
+            mfc="none",
             lw=0.8,
+            zorder=1.5,
             label="apparent, camera's angle included",
         )
     axes.errorbar(
@@ -77,6 +79,7 @@ def angle_plot(
         ms=4,
         lw=1.0,
         capsize=2.5,
+        zorder=3,
         label="measured projection angle, 95 %",
     )
     axes.grid(visible=True, axis="y")

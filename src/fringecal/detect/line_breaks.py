@@ -1,0 +1,146 @@
+"""One line of light over a plate with something on it: its centre in every column, and the breaks it shows.
+
+A laser line is a single fringe. Its centre is the mean of the light above the background in each column; columns
+without enough light say nothing (holes, shadow). Runs of columns at one level are pieces; the level that most columns
+share is the plate, and a piece off it is a break.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+
+from fringecal.errors import DetectionError
+
+Array = NDArray[np.float64]
+
+_LEAST_COLUMNS = 12  # of a piece: shorter ones are specks
+_LEAST_SHARE = 0.15  # of the line's usual peak, below which a column is dark
+_LEAST_SIGMAS = 6.0  # peak over the picture's own noise
+_SMOOTH_PX = 2.0  # of the light across the line, before its peak is sought
+_WINDOW_PX = 12  # half width about the peak over which the centre is taken
+_JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
+_CLEAR_SIGMAS = 5.0
+_LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
+_CONCENTRATED = 0.35  # of a column's light that lies within the window: a lit scene spreads it
+
+
+@dataclass(frozen=True)
+class LineBreak:
+    """One piece of the line off the plate's level.
+
+    `shift_px` is its median distance from the base line (down is positive), `sigma_px` the standard uncertainty,
+    `from_px` and `to_px` its first and last column; `middle_px` is the shift about its middle third.
+    """
+
+    from_px: int
+    to_px: int
+    shift_px: float
+    sigma_px: float
+    middle_px: float
+
+
+@dataclass(frozen=True)
+class LineTrace:
+    """Centre of a line in every column (NaN where dark), the straight base line `a + b u`, and the breaks."""
+
+    centre_px: Array
+    base: tuple[float, float]
+    breaks: tuple[LineBreak, ...]
+
+
+def line_breaks(image: ArrayLike) -> LineTrace:
+    """Trace one bright line that runs along the rows, and find where it breaks.
+
+    Parameters
+    ----------
+    image
+        Grey values, (H, W), of one bright line on a dark ground; its own colour channel is best.
+
+    Notes
+    -----
+    The base line is the straight line that most columns lie on, fitted to the pieces on it. A piece is a break when it
+    lies further off than both 3 px and five of its standard uncertainties, which come from the scatter within pieces
+    (columns are taken to hang together over the smoothing's length).
+
+    Raises
+    ------
+    DetectionError
+        No line, or one that is seen in too few columns.
+    """
+    grey = np.asarray(image, float)
+    if grey.ndim != 2 or min(grey.shape) < 32 or not np.isfinite(grey).all():
+        raise DetectionError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 32 px or more")
+    centre = _centres(grey - np.median(grey, axis=0))
+    pieces = _pieces(centre)
+    if not pieces:
+        raise DetectionError("no bright line runs along the picture's rows: check exposure, and the colour channel")
+    base = _base(centre, pieces)
+    off = centre - (base[0] + base[1] * np.arange(centre.size))
+    return LineTrace(centre, base, tuple(_breaks(off, pieces)))
+
+
+def _centres(light: Array) -> Array:
+    """Mean place of the light about its peak, column by column."""
+    smooth = ndimage.gaussian_filter(light, (_SMOOTH_PX, 1.0))
+    peak = smooth.argmax(axis=0)
+    height = smooth.max(axis=0)
+    noise = 1.4826 * float(np.median(np.abs(smooth - np.median(smooth))))
+    bright = height > max(_LEAST_SHARE * float(np.percentile(height, 90)), _LEAST_SIGMAS * noise, 2.0)
+    rows = np.arange(light.shape[0])[:, None]
+    near = np.abs(rows - peak) <= _WINDOW_PX
+    weight = np.where(near, np.clip(smooth - 0.3 * height, 0, None), 0.0)
+    total = weight.sum(axis=0)
+    lit = np.clip(smooth - 2 * noise, 0, None)
+    alone = (lit * near).sum(axis=0) > _CONCENTRATED * lit.sum(axis=0)
+    return np.where(bright & alone & (total > 0), (weight * rows).sum(axis=0) / np.maximum(total, 1e-12), np.nan)
+
+
+def _pieces(centre: Array) -> list[NDArray[np.intp]]:
+    """Return runs of columns in which the line goes on without a jump."""
+    seen = np.flatnonzero(np.isfinite(centre))
+    if seen.size == 0:
+        return []
+    cut = (np.diff(seen) > 2) | (np.abs(np.diff(centre[seen])) > _JUMP_PX)
+    return [run for run in np.split(seen, np.flatnonzero(cut) + 1) if run.size >= _LEAST_COLUMNS]
+
+
+def _base(centre: Array, pieces: list[NDArray[np.intp]]) -> tuple[float, float]:
+    """Fit the straight line that most columns lie on: levels first, then a slope."""
+    columns = np.concatenate(pieces)
+    places = centre[columns]
+    # The plate runs on beyond what stands on it: the line through the two outermost pieces is the first guess.
+    guesses = [(float(np.median(centre[piece])), 0.0) for piece in pieces]
+    counts = [np.count_nonzero(np.abs(places - a) < _JUMP_PX) for a, _ in guesses]
+    outer = [np.median(centre[pieces[0]]), np.median(centre[pieces[-1]])]
+    a, b = guesses[int(np.argmax(counts))]
+    if abs(outer[0] - outer[1]) < 2 * _JUMP_PX:
+        a = float(np.mean(outer))
+    for limit in (3 * _JUMP_PX, _JUMP_PX, _JUMP_PX):
+        near = np.abs(places - a - b * columns) < limit
+        if np.count_nonzero(near) < _LEAST_COLUMNS:
+            break
+        b, a = np.polyfit(columns[near], places[near], 1)
+    return float(a), float(b)
+
+
+def _breaks(off: Array, pieces: list[NDArray[np.intp]]) -> list[LineBreak]:
+    """Join neighbouring pieces at one level off the base, and keep those that are clearly off."""
+    found: list[list[NDArray[np.intp]]] = []
+    for piece in (p for p in pieces if abs(float(np.median(off[p]))) > _JUMP_PX):
+        level = float(np.median(off[piece]))
+        if found and abs(level - float(np.median(off[found[-1][-1]]))) < _JUMP_PX:
+            found[-1].append(piece)
+        else:
+            found.append([piece])
+    breaks = []
+    for group in found:
+        columns = np.concatenate(group)
+        shift, spread = float(np.median(off[columns])), float(np.std(off[columns]))
+        sigma = max(spread, 0.1) / np.sqrt(max(columns.size / (4 * _SMOOTH_PX), 1.0))
+        third = columns[columns.size // 3 : columns.size - columns.size // 3]
+        if columns.size >= _LEAST_BREAK * off.size and abs(shift) > _CLEAR_SIGMAS * sigma:
+            middle = float(np.mean(off[third]))
+            breaks.append(LineBreak(int(columns[0]), int(columns[-1]), shift, float(sigma), middle))
+    return breaks

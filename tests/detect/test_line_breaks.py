@@ -1,0 +1,69 @@
+"""Breaks of one line: drawn ones in closed form, and a photographed coin and cube (tests/data/tis_laser_line)."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from fringecal.detect.line_breaks import line_breaks
+from fringecal.errors import DetectionError
+
+DATA = Path(__file__).parents[1] / "data" / "tis_laser_line"
+
+
+def green(name):
+    (path,) = DATA.glob(f"{name}*.jpg")
+    return cv2.imread(str(path))[:, :, 1]
+
+
+def drawn(shift=25.3, *, columns=(100, 220), slope=0.01, dark=(), noise=2.0, seed=0):
+    u, v = np.arange(320), np.arange(160)[:, None]
+    centre = 60.4 + slope * u + np.where((u >= columns[0]) & (u < columns[1]), shift, 0.0)
+    grey = 180 * np.exp(-(((v - centre) / 2.5) ** 2) / 2)
+    for low, high in dark:
+        grey[:, low:high] = 0
+    return grey + 8 + noise * np.random.default_rng(seed).standard_normal(grey.shape)
+
+
+@pytest.mark.parametrize("shift", [25.3, -18.7])
+def test_a_drawn_break_has_its_shift_and_its_columns(shift):
+    (found,) = line_breaks(drawn(shift)).breaks
+    assert found.shift_px == pytest.approx(shift, abs=0.05)  # 0.02 px of noise in a column, 120 columns
+    assert (found.from_px, found.to_px) == pytest.approx((100, 219), abs=2)
+
+
+def test_dark_columns_are_no_break():
+    found = line_breaks(drawn(0.0, dark=((40, 90), (200, 260))))
+    assert found.breaks == ()
+    assert np.isnan(found.centre_px[50:80]).all()
+    assert found.base == pytest.approx((60.4, 0.01), abs=0.05)
+
+
+def test_the_coins_break_over_the_frames():
+    shifts = []
+    for name in ("440", "470", "490", "510"):
+        (found,) = line_breaks(green(name)).breaks
+        shifts.append(found.shift_px)
+    assert np.mean(shifts) == pytest.approx(66.9, abs=0.4)
+    assert np.abs(np.array(shifts) - 66.9).max() < 3 * 0.4  # the hand measurement's spread over the frames
+
+
+@pytest.mark.parametrize("name", ["340-145825", "340-145939", "380", "550"])
+def test_holes_shadow_and_room_light_make_no_break(name):
+    assert line_breaks(green(name)).breaks == ()
+
+
+@pytest.mark.parametrize("name", ["671-144107", "671-144245"])
+def test_the_cubes_break_over_exposures(name):
+    (found,) = line_breaks(green(name)).breaks
+    # By hand 297.1 to 299.6 px; bloom moves the bright one.
+    assert 297 <= found.shift_px <= 300.5
+
+
+@pytest.mark.parametrize(
+    "picture", [np.zeros((60, 80)), np.full((60, 80), 200.0), np.zeros((3, 80)), np.full((60, 80), np.nan)]
+)
+def test_no_line_is_refused(picture):
+    with pytest.raises(DetectionError):
+        line_breaks(picture)
