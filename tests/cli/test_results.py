@@ -139,7 +139,8 @@ def test_grid(run, data, truth, tmp_path):
     # The thesis's way, from distances between lines, does not know that the camera is tilted: 0.3 % is its bar.
     assert scale["mean"]["value"] == pytest.approx(truth["scale_h"], rel=3e-3)
     assert outcome.document["distortion"]["verdict"] == "barrel"
-    assert all((tmp_path / "g" / name).is_file() for name in ("lines.png", "distances-vertical-lines.csv"))
+    assert all((tmp_path / "g" / name).is_file() for name in ("report.html", "distances-vertical-lines.csv"))
+    assert (tmp_path / "g" / "figures" / "lines-and-crossings-found.png").is_file()
 
 
 def test_phase_of_a_real_set(run, data):

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import special
 
 from fringecal.detect.grid import Family, GridDetection
 from fringecal.errors import DetectionError
@@ -43,6 +44,25 @@ class ThesisScale:
     horizontal_errors: pd.DataFrame
     vertical_errors: pd.DataFrame
     largest_error_percent: float
+
+    @property
+    def anisotropy(self) -> Estimate:
+        """Vertical over horizontal factor; the pitch, common to both, drops out."""
+        value = self.vertical.value / self.horizontal.value
+        own = [self._scatter(factor) / factor.value for factor in (self.horizontal, self.vertical)]
+        dof = min(len(self.vertical_lines), len(self.horizontal_lines)) - 1
+        return Estimate(value, value * math.hypot(*own), "", "anisotropy", dof)
+
+    @property
+    def anisotropy_p(self) -> float:
+        """Probability of so large an anisotropy by the scatter of the distances alone."""
+        found = self.anisotropy
+        return float(2 * special.stdtr(found.dof, -abs(found.value - 1) / found.u)) if found.u > 0 else 1.0
+
+    def _scatter(self, factor: Estimate) -> float:
+        table = self.vertical_lines if factor is self.horizontal else self.horizontal_lines
+        factors = table.loc[table["span"] == 1, "factor_mm_per_px"]
+        return float(factors.std(ddof=1) / math.sqrt(len(factors)))
 
 
 def thesis_scale(detection: GridDetection, pitch_mm: Estimate) -> ThesisScale:

@@ -1,5 +1,7 @@
 """`fringecal grid`: the lines of a grid picture, the scale they give, and whether the lens bends them."""
 
+import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +15,19 @@ from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
 from fringecal.cli.pictures import read_picture
+from fringecal.cli.saving import command_line, demand_folder, write_report
 from fringecal.detect.grid import FAMILIES, GridDetection, Polarity, find_grid
 from fringecal.errors import TargetError
-from fringecal.records.files import replacing, write_table
-from fringecal.report.figures_grid import distortion_quiver, grid_overlay
+from fringecal.procedures.report_grid import (
+    GridPicture,
+    distortion_section,
+    distortion_sentences,
+    lines_section,
+    scale_section,
+)
+from fringecal.records.files import result_folder, write_table
+from fringecal.records.provenance import software_versions
+from fringecal.report.structure import Report, Verdict
 from fringecal.targets import LineGrid, load_target
 from fringecal.uncertainty.estimates import Estimate
 
@@ -47,7 +58,8 @@ def grid(
     detection = find_grid(picture, polarity=_polarity(polarity))
     scale = None if paper is None else thesis_scale(detection, _pitch(paper))
     test = examine_distortion(detection, centre=_centre(centre))
-    files = _save(picture, detection, scale, test, out) if out else []
+    found = GridPicture(image.name, picture, detection, test, scale, None if paper is None else _pitch(paper))
+    files = _save(found, out, command_line("grid", sys.argv[2:])) if out else []
     document = _document(image, detection, scale, test) | {"files": files}
     if as_json:
         print_json(document)
@@ -92,27 +104,27 @@ def _tables(scale: ThesisScale | None, test: DistortionTest) -> dict[str, pd.Dat
     return tables
 
 
-def _save(
-    picture: np.ndarray,
-    detection: GridDetection,
-    scale: ThesisScale | None,
-    test: DistortionTest,
-    folder: Path,
-) -> list[str]:
-    """Write tables and figures, each whole or not at all."""
-    files = []
-    for name, table in _tables(scale, test).items():
-        write_table(folder / f"{name}.csv", table)
-        files.append(str(folder / f"{name}.csv"))
-    figures = {
-        "lines": grid_overlay(picture, detection),
-        "distortion": distortion_quiver(test, detection.shape),
-    }
-    for name, figure in figures.items():
-        with replacing(folder / f"{name}.png") as path:
-            figure.savefig(path, dpi=150)
-        files.append(str(folder / f"{name}.png"))
-    return files
+def _save(grid: GridPicture, folder: Path, command: tuple[str, ...]) -> list[str]:
+    """Write every table whole, and the report with its figures."""
+    demand_folder(folder)
+    with result_folder(folder, last="report.html") as staging:
+        write_report(_report(grid, command), staging)
+        for name, table in _tables(grid.scale, grid.test).items():
+            write_table(staging / f"{name}.csv", table)
+        names = sorted(str(path.relative_to(staging)) for path in staging.rglob("*") if path.is_file())
+    return [str(folder / name) for name in names]
+
+
+def _report(grid: GridPicture, command: tuple[str, ...]) -> Report:
+    """Say what the picture tells."""
+    return Report(
+        title=f"Grid in {grid.name}",
+        verdict=Verdict("info", distortion_sentences(grid.test, grid.mm_per_px)[0]),
+        sections=(lines_section(grid), scale_section(grid), distortion_section(grid)),
+        versions=software_versions(),
+        command=" ".join(command),
+        created=datetime.now(UTC),
+    )
 
 
 def _document(image: Path, detection: GridDetection, scale: ThesisScale | None, test: DistortionTest) -> dict[str, Any]:

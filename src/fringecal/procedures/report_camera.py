@@ -5,11 +5,14 @@ import math
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy import special
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.camera.plate_fit import CameraFit
 from fringecal.procedures.camera import CameraFindings
-from fringecal.procedures.report_parts import concise, estimates_table
-from fringecal.report.figures_camera import crossings_overlay, residual_arrows
+from fringecal.procedures.report_grid import GridPicture, distortion_section, lines_section, scale_section
+from fringecal.procedures.report_parts import estimates_table
+from fringecal.report.figures_grid import residual_quiver
 from fringecal.report.structure import FigureItem, Section, Table
 
 Array = NDArray[np.float64]
@@ -30,51 +33,49 @@ _LABELS = {
 }
 
 
-def camera_section(found: CameraFindings) -> Section:
-    """Say what the grid picture tells of the camera."""
-    return Section(
+def camera_sections(found: CameraFindings) -> tuple[Section, ...]:
+    """Say what the grid picture tells of lines, scale, lens, and the camera on the plate."""
+    grid = GridPicture(
+        found.capture.name,
+        found.capture.read()[0],
+        found.detection,
+        found.distortion,
+        found.tables,
+        found.target.pitch_mm.estimate("grid pitch", "mm"),
+        np.isfinite(found.fit.residual_u_px),
+    )
+    camera = Section(
         "Camera",
         _sentences(found),
         (
             estimates_table("Scale on the plate at the image centre", found.scales, first="scale"),
-            *thesis_tables(found),
             local_scale_table(found.fit.camera, found.scales["mean"].value),
+            shape_table(found.fit),
             _parameters_table(found),
         ),
-        (_overlay(found), _residuals(found)),
+        (_residuals(found),),
     )
+    return lines_section(grid), camera, scale_section(grid), distortion_section(grid)
 
 
-def thesis_tables(found: CameraFindings) -> tuple[Table, ...]:
-    """Tabulate line distances and the errors of the mean factor, the thesis's way (its tables 3.1 to 3.4)."""
-    tables = found.tables
-    factors = f"mean factor {concise(tables.mean)}; distances in the middle third of the picture"
-    errors = f"distances at other places by the mean factor; largest error {tables.largest_error_percent:+.3f} %"
-    parts = (
-        ("Distances between vertical lines", tables.vertical_lines, factors),
-        ("Distances between horizontal lines", tables.horizontal_lines, factors),
-        ("Errors of distances between vertical lines", tables.horizontal_errors, errors),
-        ("Errors of distances between horizontal lines", tables.vertical_errors, errors),
-    )
-    return tuple(Table(caption, _by_span(frame), note) for caption, frame, note in parts)
-
-
-_SHOWN = {
-    "distance_px": ("mean distance / px", "sd distance / px"),
-    "factor_mm_per_px": ("mean factor / (mm/px)", "sd factor / (mm/px)"),
-    "error_mm": ("mean error / mm", "sd error / mm"),
-    "error_percent": ("mean error / %", "sd error / %"),
-}
-
-
-def _by_span(frame: pd.DataFrame) -> pd.DataFrame:
-    """Gather one row for each span between lines: the single distances would fill pages."""
-    groups = frame.groupby(["part", "span"], sort=False)
-    columns = {"distances": groups.size(), "nominal / mm": groups["distance_mm"].mean()}
-    for name, (mean, spread) in _SHOWN.items():
-        if name in frame:
-            columns |= {mean: groups[name].mean(), spread: groups[name].std()}
-    return pd.DataFrame(columns).fillna(0.0).reset_index()
+def shape_table(fit: CameraFit) -> Table:
+    """Test pixel aspect and tilt, apart from the scale, against square pixels and a square-on camera."""
+    rows = []
+    for name, label, null in (
+        ("aspect", "pixel aspect, v over u", 1.0),
+        ("tilt_x_rad", "tilt toward +x / rad", 0.0),
+        ("tilt_y_rad", "tilt toward +y / rad", 0.0),
+    ):
+        place = CAMERA_NAMES.index(name)
+        value, u = float(fit.camera.parameters[place]), math.sqrt(fit.camera.covariance[place, place])
+        if u > 0:
+            p = float(2 * special.ndtr(-abs(value - null) / u))
+            found = "significant" if p < 0.05 else "not significant"
+            rows.append({"quantity": label, "value": value, "u": u, "without it": null, "p": p, "at 5 %": found})
+    names = ["quantity", "value", "u", "without it", "p", "at 5 %"]
+    formats = {"value": ".6g", "u": ".2g", "without it": ".0f", "p": ".2g"}
+    note = "two-sided test of each; a telecentric camera's tilt cannot be told from its aspect"
+    return Table("Aspect and tilt, apart from the scale", pd.DataFrame(rows, columns=names), note, formats)
 
 
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
@@ -125,18 +126,11 @@ def largest_scale_error_percent(found: CameraFindings) -> float:
 
 
 def _sentences(found: CameraFindings) -> tuple[str, ...]:
-    fit, lens, grid = found.fit, found.distortion, found.detection
+    fit, grid = found.fit, found.detection
     used = int(np.isfinite(fit.residual_u_px).sum())
-    shift = f"{concise(lens.max_px)} at {lens.radius_px:.0f} px from the centre"
-    bent = (
-        f"No lens distortion was found: {shift}; {lens.detection_limit_px:.2g} px would have shown in 95 % of cases."
-        if lens.verdict == "none"
-        else f"The lens shows {lens.verdict} distortion: {shift}, p = {lens.p_value:.2g}. The camera model corrects it."
-    )
     return (
         f"{used} of {grid.u_px.size} crossings of {found.target.name} agree with one flat sheet seen by one camera; "
         f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+.2f} deg.",
-        bent,
         f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2g} %.",
     )
 
@@ -156,22 +150,11 @@ def _parameters_table(found: CameraFindings) -> Table:
     return Table("Camera parameters", pd.DataFrame(rows), f"{kind} camera on the plate", {"value": ".6g", "u": ".2g"})
 
 
-def _overlay(found: CameraFindings) -> FigureItem:
-    grid = found.detection
-    used = np.isfinite(found.fit.residual_u_px)
-    figure = crossings_overlay(found.capture.read()[0], grid.u_px, grid.v_px, used=used, title=found.capture.name)
-    alt = (
-        f"The picture of the grid with {grid.u_px.size} crossings marked over {grid.row.max() + 1} rows and "
-        f"{grid.column.max() + 1} columns; {int((~used).sum())} of them were rejected by the fit."
-    )
-    return FigureItem("Grid crossings found", figure, alt, "png")
-
-
 def _residuals(found: CameraFindings) -> FigureItem:
     grid, fit = found.detection, found.fit
     residuals = np.column_stack([fit.residual_u_px, fit.residual_v_px])
-    figure = residual_arrows(
-        np.column_stack([grid.u_px, grid.v_px]), residuals, grid.shape, title="observed - modelled, enlarged"
+    figure = residual_quiver(
+        np.column_stack([grid.u_px, grid.v_px]), residuals, grid.shape, title="observed - modelled"
     )
     alt = (
         f"Arrows at the crossings, observed minus modelled, {fit.rms_px:.3f} px rms per coordinate. Arrows that "

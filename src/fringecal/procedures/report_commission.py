@@ -8,7 +8,7 @@ from fringecal.procedures.checks import commissioning_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.report_advice import advice_section
 from fringecal.procedures.report_angle import angle_section, budgets_section
-from fringecal.procedures.report_camera import camera_section, largest_scale_error_percent
+from fringecal.procedures.report_camera import camera_sections, largest_scale_error_percent
 from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
@@ -40,7 +40,7 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
         facts=_facts(found),
         sections=(
             Section("Checks", (), (checks_table(checks),)),
-            camera_section(found.camera),
+            *camera_sections(found.camera),
             *_lens(found),
             phase_section((found.reference, found.strips_capture)),
             strips_section(found, residuals),
