@@ -16,6 +16,7 @@ from fringecal.camera.distortion_fit import (
     GridFit,
     crossings_of,
     fit_lens_on_grid,
+    pitches_per_px,
     without_outliers,
 )
 from fringecal.camera.radial_lens import RadialLens
@@ -63,6 +64,12 @@ class DistortionTest:
         Crossings and observed minus fitted, (n, 2): projective only, and with the lens.
     straightness_before, straightness_after
         One row per line, before and after undistortion (`camera.straightness`).
+    pitches_per_px
+        Pitches of the grid that one px spans at the image centre, mean of both directions.
+    misfit
+        Rms of the residuals with the lens over the crossings' own uncertainty; every u is enlarged by it.
+    misfit
+        Rms of the residuals with the lens over the crossings' own uncertainty; every u is enlarged by it.
     """
 
     verdict: Verdict
@@ -78,6 +85,14 @@ class DistortionTest:
     residual_after_px: Array
     straightness_before: pd.DataFrame
     straightness_after: pd.DataFrame
+    pitches_per_px: Estimate
+    misfit: float
+
+    def scale_at_centre(self, pitch_mm: Estimate) -> Estimate:
+        """Scale on the sheet at the image centre, mm/px, with tilt and lens taken into account."""
+        value = pitch_mm.value * self.pitches_per_px.value
+        relative = math.hypot(self.pitches_per_px.u / self.pitches_per_px.value, pitch_mm.u / pitch_mm.value)
+        return Estimate(value, value * relative, "mm/px", "scale at the image centre", self.pitches_per_px.dof)
 
     @property
     def centre(self) -> tuple[Estimate, Estimate] | None:
@@ -226,6 +241,8 @@ def _report(detection: GridDetection, crossings: Crossings, answer: _Answer) -> 
         answer.lens.residual_px,
         straightness(detection),
         straightness(detection, moved=straightened),
+        Estimate(*pitches_per_px(crossings, answer.lens), "1/px", "pitches per px", answer.lens.result.nfree),
+        math.sqrt(answer.lens.result.redchi),
     )
 
 

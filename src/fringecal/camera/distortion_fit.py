@@ -32,6 +32,7 @@ class Crossings:
     sigma: Array
     middle: tuple[float, float]
     half_diagonal: float
+    half_size: float
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,7 @@ def crossings_of(detection: GridDetection) -> Crossings:
         detection.sigma_px,
         ((width - 1) / 2, (height - 1) / 2),
         0.5 * math.hypot(width, height),
+        float(np.abs(centred).max()),
     )
 
 
@@ -115,6 +117,33 @@ def fit_lens_on_grid(
     rest = _misfit_px(found.params, crossings, inverse=inverse)
     shared = shared_scatter(crossings.site[:, 1], crossings.site[:, 0], crossings.points, rest)
     return GridFit(found, _lens(found.params, crossings, inverse=inverse), rest, shared)
+
+
+def pitches_per_px(crossings: Crossings, fitted: GridFit) -> tuple[float, float]:
+    """Pitches of the grid that one px at the image centre spans, mean of both directions, with its u."""
+    value = _pitches_at_centre(fitted.result.params, crossings, inverse=fitted.lens.inverse)
+    covariance = fitted.covariance
+    if covariance is None:
+        return value, math.nan
+    gradient = np.zeros(len(covariance))
+    for i, name in enumerate(fitted.result.var_names):
+        moved, step = fitted.result.params.copy(), 0.1 * math.sqrt(covariance[i, i])
+        moved[name].value += step
+        gradient[i] = (_pitches_at_centre(moved, crossings, inverse=fitted.lens.inverse) - value) / step
+    return value, math.sqrt(max(0.0, float(gradient @ covariance @ gradient)))
+
+
+def _pitches_at_centre(parameters: Any, crossings: Crossings, *, inverse: bool) -> float:
+    h = np.append([parameters[name].value for name in _HOMOGRAPHY], 1.0).reshape(3, 3)
+    around = np.array(crossings.middle) + np.array([[0.5, 0], [-0.5, 0], [0, 0.5], [0, -0.5]])
+    ideal = (
+        _lens(parameters, crossings, inverse=inverse).undistort(around) - crossings.middle
+    ) / crossings.half_diagonal
+    x, y, w = np.linalg.solve(h, np.column_stack([ideal, np.ones(4)]).T)
+    steps = np.array(
+        [[x[0] / w[0] - x[1] / w[1], y[0] / w[0] - y[1] / w[1]], [x[2] / w[2] - x[3] / w[3], y[2] / w[2] - y[3] / w[3]]]
+    )
+    return float(np.hypot(*steps.T).mean()) * crossings.half_size
 
 
 def _first_homography(crossings: Crossings) -> Array:

@@ -1,7 +1,7 @@
 """The scaling factor the thesis's way: distances between grid lines, their mean, and what it costs."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -44,6 +44,14 @@ class ThesisScale:
     horizontal_errors: pd.DataFrame
     vertical_errors: pd.DataFrame
     largest_error_percent: float
+
+    def beside(self, at_centre: Estimate) -> "ThesisScale":
+        """Widen the mean factor's u by its distance from the scale at the image centre, a rectangular half width.
+
+        Distances between lines know of no tilt: their scatter alone would deny what it does to the mean.
+        """
+        shift = abs(self.mean.value - at_centre.value) / math.sqrt(3)
+        return replace(self, mean=replace(self.mean, u=math.hypot(self.mean.u, shift)))
 
     @property
     def anisotropy(self) -> Estimate:

@@ -16,7 +16,8 @@ from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
 from fringecal.cli.pictures import read_picture
 from fringecal.cli.saving import command_line, demand_folder, write_report
-from fringecal.detect.grid import FAMILIES, GridDetection, Polarity, find_grid
+from fringecal.detect.dots import find_dot_grid
+from fringecal.detect.grid import FAMILIES, Polarity, find_grid
 from fringecal.errors import TargetError
 from fringecal.procedures.report_grid import (
     GridPicture,
@@ -28,8 +29,7 @@ from fringecal.procedures.report_grid import (
 from fringecal.records.files import result_folder, write_table
 from fringecal.records.provenance import software_versions
 from fringecal.report.structure import Report, Verdict
-from fringecal.targets import LineGrid, load_target
-from fringecal.uncertainty.estimates import Estimate
+from fringecal.targets import Dots, LineGrid, load_target
 
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 
@@ -46,7 +46,8 @@ def register(app: typer.Typer) -> None:
 
 def grid(
     image: Path = typer.Argument(..., help="Picture of the grid.", show_default=False),
-    target: str | None = typer.Option(None, "--target", help="Line grid: a shipped name or a TOML file."),
+    target: str | None = typer.Option(None, "--target", help="Line grid or dots: a shipped name or a TOML file."),
+    pattern: str = typer.Option("lines", "--pattern", help="What to look for without a target: lines or dots."),
     polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines."),
     centre: str = typer.Option("auto", "--centre", help="Centre of distortion: auto, image or free."),
     out: Path | None = typer.Option(None, "--out", help="Folder for tables (CSV) and figures (PNG)."),
@@ -54,17 +55,21 @@ def grid(
 ) -> None:
     """Load, detect, save, print."""
     picture = read_picture(image)
-    paper = None if target is None else _line_grid(target)
-    detection = find_grid(picture, polarity=_polarity(polarity))
-    scale = None if paper is None else thesis_scale(detection, _pitch(paper))
+    paper = None if target is None else _target(target)
+    if isinstance(paper, Dots) or (paper is None and _pattern(pattern) == "dots"):
+        detection = find_dot_grid(picture)
+    else:
+        detection = find_grid(picture, polarity=_polarity(polarity))
     test = examine_distortion(detection, centre=_centre(centre))
-    found = GridPicture(image.name, picture, detection, test, scale, None if paper is None else _pitch(paper))
+    pitch = None if paper is None else paper.pitch_mm.estimate("pitch", "mm")
+    scale = None if pitch is None else thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
+    found = GridPicture(image.name, picture, detection, test, scale, pitch)
     files = _save(found, out, command_line("grid", sys.argv[2:])) if out else []
-    document = _document(image, detection, scale, test) | {"files": files}
+    document = _document(image, found) | {"files": files}
     if as_json:
         print_json(document)
     else:
-        _show(document, scale)
+        _show(document, found)
 
 
 def _polarity(text: str) -> Polarity:
@@ -79,16 +84,18 @@ def _centre(text: str) -> Centre:
     raise typer.BadParameter(f"{text!r} is none of auto, image, free", param_hint="--centre")
 
 
-def _line_grid(name: str) -> LineGrid:
-    """Load the target, which must be a line grid."""
+def _pattern(text: str) -> str:
+    if text in ("lines", "dots"):
+        return text
+    raise typer.BadParameter(f"{text!r} is neither lines nor dots", param_hint="--pattern")
+
+
+def _target(name: str) -> LineGrid | Dots:
+    """Load the target, which must be a square pattern of lines or dots."""
     target = load_target(name)
-    if not isinstance(target, LineGrid):
-        raise TargetError(f"{name}: a {target.kind} is no line grid; name a target of kind line-grid")
-    return target
-
-
-def _pitch(paper: LineGrid) -> Estimate:
-    return Estimate(paper.pitch_mm.values[0], paper.pitch_mm.us[0], "mm", "pitch")
+    if isinstance(target, LineGrid) or (isinstance(target, Dots) and not target.asymmetric):
+        return target
+    raise TargetError(f"{name}: a {target.kind} is no square grid; name a target of kind line-grid, or symmetric dots")
 
 
 def _tables(scale: ThesisScale | None, test: DistortionTest) -> dict[str, pd.DataFrame]:
@@ -127,8 +134,9 @@ def _report(grid: GridPicture, command: tuple[str, ...]) -> Report:
     )
 
 
-def _document(image: Path, detection: GridDetection, scale: ThesisScale | None, test: DistortionTest) -> dict[str, Any]:
+def _document(image: Path, found: GridPicture) -> dict[str, Any]:
     """Put everything into plain numbers."""
+    detection, scale, test = found.detection, found.scale, found.test
     document: dict[str, Any] = {
         "format": "fringecal-grid/1",
         "image": str(image),
@@ -153,22 +161,24 @@ def _document(image: Path, detection: GridDetection, scale: ThesisScale | None, 
             for when, table in (("before", test.straightness_before), ("after", test.straightness_after))
         },
     }
-    if scale is not None:
+    if scale is not None and found.pitch_mm is not None:
         document["scale"] = {
             name: {"value": e.value, "u": e.u, "dof": e.dof if np.isfinite(e.dof) else None, "unit": e.unit}
             for name, e in (
                 ("horizontal", scale.horizontal),
                 ("vertical", scale.vertical),
                 ("mean", scale.mean),
+                ("at_centre", test.scale_at_centre(found.pitch_mm)),
             )
         }
         document["largest_error_percent"] = scale.largest_error_percent
     return document
 
 
-def _show(document: dict[str, Any], scale: ThesisScale | None) -> None:
+def _show(document: dict[str, Any], found: GridPicture) -> None:
     """Print tables for people."""
-    lines, test = document["lines"], document["distortion"]
+    scale = found.scale
+    lines = document["lines"]
     _say(
         f"{lines['horizontal']} horizontal and {lines['vertical']} vertical lines, {document['polarity']}, "
         f"{document['line_width_px']:.1f} px wide; {document['crossings']} crossings, "
@@ -179,11 +189,8 @@ def _show(document: dict[str, Any], scale: ThesisScale | None) -> None:
         _say(f"largest error of a distance from the mean factor: {scale.largest_error_percent:+.2f} %")
     else:
         _say("no scale: name the grid with --target")
-    largest = test["max_px"]
-    _say(
-        f"distortion: {test['verdict']}; {largest['value']:.3f} px (u = {largest['u']:.3f}) at the outermost "
-        f"crossing, p = {test['p_value']:.2g}, detection limit {test['detection_limit_px']:.3f} px"
-    )
+    for sentence in distortion_sentences(found.test, found.mm_per_px):
+        _say(sentence)
     rms = document["straightness_rms_px"]
     for family in FAMILIES:
         before, after = rms["before"][family], rms["after"][family]
@@ -197,7 +204,9 @@ def _scale_table(document: dict[str, Any]) -> Table:
     for heading in ("direction", "factor / mm/px", "u", "relative"):
         table.add_column(heading, justify="left" if heading == "direction" else "right")
     for name, one in document["scale"].items():
-        table.add_row(name, f"{one['value']:.6f}", f"{one['u']:.6f}", f"{100 * one['u'] / one['value']:.3f} %")
+        table.add_row(
+            name.replace("_", " "), f"{one['value']:.6f}", f"{one['u']:.6f}", f"{100 * one['u'] / one['value']:.3f} %"
+        )
     return table
 
 

@@ -22,6 +22,9 @@ from fringecal.report.figures_grid import (
 from fringecal.report.structure import FigureItem, Section, Table
 from fringecal.uncertainty.estimates import Estimate
 
+#: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone.
+MISFIT = 3.0
+
 
 @dataclass(frozen=True)
 class GridPicture:
@@ -50,21 +53,31 @@ def lines_section(grid: GridPicture) -> Section:
         f"{found.profile.width_px:.1f} px wide; {len(found.row)} crossings, each known to "
         f"{float(np.median(found.sigma_px)):.3f} px (median u per axis)."
     )
-    sections = {family: line_section(grid.picture, found, family) for family in reversed(FAMILIES)}
-    overlay = FigureItem(
+    figures = [_overlay(grid, counts)]
+    if found.profile.blur_px > 0:  # dots have none, and no lines to be crossed
+        figures.append(_profile(grid))
+    return Section("Lines of the grid", (sentence,), (), tuple(figures))
+
+
+def _profile(grid: GridPicture) -> FigureItem:
+    sections = {str(family): line_section(grid.picture, grid.detection, family) for family in reversed(FAMILIES)}
+    return FigureItem(
+        "Intensity profile across the lines",
+        section_plot(sections),
+        "Grey level along one section across the vertical lines and one across the horizontal lines; marks stand "
+        "where lines were found.",
+    )
+
+
+def _overlay(grid: GridPicture, counts: list[int]) -> FigureItem:
+    found = grid.detection
+    return FigureItem(
         "Lines and crossings found",
         grid_overlay(grid.picture, found, used=grid.used, title=grid.name),
         f"The picture with {counts[0]} horizontal and {counts[1]} vertical lines and {len(found.row)} crossings drawn "
         "over it; some crossings carry their row and column.",
         "png",
     )
-    profile = FigureItem(
-        "Intensity profile across the lines",
-        section_plot(sections),
-        "Grey level along one section across the vertical lines and one across the horizontal lines; marks stand "
-        "where lines were found.",
-    )
-    return Section("Lines of the grid", (sentence,), (), (overlay, profile))
 
 
 def scale_section(grid: GridPicture) -> Section:
@@ -73,6 +86,7 @@ def scale_section(grid: GridPicture) -> Section:
         return Section("Scale", ("No scale: the grid's target was not named.",))
     scale = grid.scale
     factors = {"along u (vertical lines)": scale.horizontal, "along v (horizontal lines)": scale.vertical}
+    others = {"mean": scale.mean, "image centre, by the fitted view": grid.test.scale_at_centre(grid.pitch_mm)}
     figure = FigureItem(
         "What the mean factor costs over the field",
         scale_map(grid.detection, grid.pitch_mm.value, scale.mean.value),
@@ -81,7 +95,7 @@ def scale_section(grid: GridPicture) -> Section:
         "png",
     )
     tables = (
-        estimates_table("Scaling factor from distances between lines", factors | {"mean": scale.mean}, first="scale"),
+        estimates_table("Scaling factor from distances between lines", factors | others, first="scale"),
         *thesis_tables(scale),
     )
     return Section("Scale by the mean factor", (anisotropy_sentence(scale),), tables, (figure,))
@@ -162,6 +176,8 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
         bent = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
     else:
         bent = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
+    if test.misfit > MISFIT:
+        bent += f" What the lens leaves of the crossings is {test.misfit:.1f} times their own uncertainty."
     worst = float(cost_of_neglect_px(test).max())
     cost = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
     sentences = [bent, f"With the lens neglected, positions err by up to {cost}."]

@@ -97,7 +97,7 @@ def _name_some(axes, detection: GridDetection) -> None:  # type: ignore[no-untyp
 
 @styled
 def distortion_quiver(test: DistortionTest, shape: tuple[int, int], *, title: str = "") -> Figure:
-    """Draw observed minus fitted crossings before and after the lens is taken out, enlarged by one factor.
+    """Draw observed minus fitted crossings before and after the lens is taken out, each enlarged by its own factor.
 
     Parameters
     ----------
@@ -110,17 +110,17 @@ def distortion_quiver(test: DistortionTest, shape: tuple[int, int], *, title: st
     """
     figure = new_figure(10.0, 4.8)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    factor = _round_factor(_ARROW_SHARE * shape[1], test.residual_before_px)
     for axes, residual, name in zip(
         panels,
         (test.residual_before_px, test.residual_after_px),
         ("projective only", "with the lens"),
         strict=True,
     ):
+        factor = _round_factor(_ARROW_SHARE * shape[1], residual)
         _arrows(axes, test.points_px, factor * residual, shape)
         rms = float(np.sqrt(np.mean(residual**2)))
-        axes.set_title(f"{name}: rms {rms:.3f} px", loc="left")
-    figure.suptitle(f"{title} observed - fitted, {factor:g} times enlarged".strip())
+        axes.set_title(f"{name}: rms {rms:.3f} px, {factor:g} times enlarged", loc="left")
+    figure.suptitle(f"{title} observed - fitted".strip())
     return figure
 
 
@@ -170,7 +170,9 @@ def neglect_map(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: floa
     figure = new_figure(7.0, 5.2)
     axes = figure.subplots()
     cost = cost_of_neglect_px(test) * (mm_per_px or 1.0)
-    dots = axes.scatter(*test.points_px.T, c=cost, s=_dot_size(len(cost)), cmap=HEIGHT_MAP, vmin=0.0)
+    dots = axes.scatter(
+        test.points_px[:, 0], test.points_px[:, 1], c=cost, s=_dot_size(len(cost)), cmap=HEIGHT_MAP, vmin=0.0
+    )
     axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
     image_axes(axes)
     unit = "px" if mm_per_px is None else "mm"
@@ -198,7 +200,9 @@ def scale_map(detection: GridDetection, pitch_mm: float, mm_per_px: float) -> Fi
     errors = [100 * (length * mm_per_px / pitch_mm - 1) for _, length in pieces]
     limit = symmetric_limit(np.concatenate(errors))
     for axes, (middle, _), error, name in zip(panels, pieces, errors, ("rows", "columns"), strict=True):
-        dots = axes.scatter(*middle.T, c=error, s=_dot_size(len(error)), cmap=ERROR_MAP, vmin=-limit, vmax=limit)
+        dots = axes.scatter(
+            middle[:, 0], middle[:, 1], c=error, s=_dot_size(len(error)), cmap=ERROR_MAP, vmin=-limit, vmax=limit
+        )
         axes.set(xlim=(-0.5, detection.shape[1] - 0.5), ylim=(detection.shape[0] - 0.5, -0.5))
         axes.set_title(f"along the grid's {name}", loc="left")
         image_axes(axes)

@@ -1,0 +1,218 @@
+"""Find a board of dots of unknown size in a picture: sub-pixel centroids, indexed from neighbour to neighbour."""
+
+from collections import deque
+from typing import Literal
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from fringecal.detect.grid import FAMILIES, GridDetection, GridLine
+from fringecal.detect.line_points import LineStatus
+from fringecal.detect.line_profile import LineProfile
+from fringecal.errors import DetectionError
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+MIN_DOTS = 25
+MIN_AREA_PX = 9
+#: Blobs whose area differs from the median by more than these factors are dirt, or dots that touch.
+AREA_FACTORS = (0.3, 3.0)
+LOCAL_AREA = 0.25
+NEIGHBOURS = 9
+#: A dot farther from midway between its neighbours than this many times the usual distance carries dirt.
+OFF_SCATTERS = 15.0
+#: A centroid is taken over all pixels darker than this part of the dot's contrast.
+EDGE_PART = 0.15
+#: A neighbour is accepted within this part of the step from where it is expected.
+NEAR = 0.25
+MIN_INDEXED = 0.6
+
+
+def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
+    """Find a square board of dots, as many as are seen, without being told their number.
+
+    Parameters
+    ----------
+    image
+        Grey picture of dark dots on a light ground or the other way round, (H, W).
+
+    Returns
+    -------
+    GridDetection
+        Dots as crossings; each row and column of dots is a line whose points are the dots.
+
+    Raises
+    ------
+    DetectionError
+        Fewer than 25 dots, or dots that form no square pattern.
+
+    Notes
+    -----
+    A centroid of the brightness above the ground, over the dot and its blurred edge. Under perspective the
+    image of a disc's centre is not the centroid of its image; for a dot of diameter d at distance z from a
+    camera tilted by t the difference is about d^2 sin(t) / (4 z) on the plate, far below 0.01 px where dots
+    are small.
+
+    Examples
+    --------
+    >>> v, u = np.mgrid[0:200, 0:240]
+    >>> picture = 200.0 - 150 * (np.hypot((u - 10) % 24 - 12, (v - 10) % 24 - 12) < 5)
+    >>> grid = find_dot_grid(picture)
+    >>> len(grid.family("vertical")), len(grid.family("horizontal"))
+    (9, 7)
+    """
+    grey = np.asarray(image, dtype=np.float32)
+    if grey.ndim != 2 or min(grey.shape) < 40 or not np.isfinite(grey).all() or np.ptp(grey) == 0:
+        raise DetectionError(f"dots are sought in a finite grey picture (H, W) of 40 px or more, got {grey.shape}")
+    found = [_centroids(sign * grey) for sign in (-1, 1)]
+    dark = len(found[0][0]) >= len(found[1][0])
+    points, diameter = found[0 if dark else 1]
+    if len(points) < MIN_DOTS:
+        raise DetectionError(f"{len(points)} dots are seen, {MIN_DOTS} are needed; show more of the board, in focus")
+    site = _indexed(points)
+    inside = site[:, 0] > np.iinfo(np.int64).min
+    if inside.sum() < max(MIN_DOTS, MIN_INDEXED * len(points)):
+        raise DetectionError(
+            f"{len(points)} blobs are seen, but only {int(inside.sum())} of them form one square pattern of dots"
+        )
+    site, points = site[inside] - site[inside].min(axis=0), points[inside]
+    clean = _between_neighbours(site, points)
+    site, points = site[clean] - site[clean].min(axis=0), points[clean]
+    return _detection(site, points, grey.shape, LineProfile(diameter, 0.0), "dark" if dark else "light")
+
+
+def _centroids(bright: npt.NDArray[np.float32]) -> tuple[FloatArray, float]:
+    """Centroids (n, 2) of bright blobs of one size, px, and their median diameter."""
+    ground = cv2.medianBlur(cv2.resize(_bytes(bright), None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA), 5)
+    level = cv2.resize(ground, bright.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    flat = _bytes(bright).astype(np.int16) - level
+    core, _ = cv2.threshold(np.clip(flat, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_OTSU)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats((flat > core).astype(np.uint8))
+    areas = stats[:, cv2.CC_STAT_AREA]
+    sized = np.flatnonzero(areas[1:] >= MIN_AREA_PX) + 1
+    if sized.size == 0:
+        return np.empty((0, 2)), 0.0
+    usual = float(np.median(areas[sized]))
+    good = sized[(areas[sized] > AREA_FACTORS[0] * usual) & (areas[sized] < AREA_FACTORS[1] * usual)]
+    good = good[_inside(stats[good], bright.shape)]
+    good = good[_like_neighbours(stats[good])]
+    return _weighted_centres(bright, stats[good]), 2 * float(np.sqrt(usual / np.pi))
+
+
+def _like_neighbours(stats: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
+    """Blobs about as large as those around them: others are cut by a cover or by the end of the light."""
+    if len(stats) <= NEIGHBOURS:
+        return np.ones(len(stats), dtype=bool)
+    middle = stats[:, :2] + 0.5 * stats[:, 2:4]
+    _, near = KDTree(middle).query(middle, k=NEIGHBOURS)
+    area = stats[:, cv2.CC_STAT_AREA]
+    around = np.median(area[near], axis=1)
+    return np.abs(area - around) < np.maximum(LOCAL_AREA * around, MIN_AREA_PX)
+
+
+def _bytes(bright: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    low, high = np.percentile(bright[::4, ::4], (0.1, 99.9))
+    return np.clip((bright - low) * (255 / max(high - low, 1e-12)), 0, 255).astype(np.uint8)
+
+
+def _inside(stats: npt.NDArray[np.int32], shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
+    """Blobs that do not touch the picture's border and are about as wide as high."""
+    left, top, width, height = stats[:, :4].T
+    whole = (left > 2) & (top > 2) & (left + width < shape[1] - 2) & (top + height < shape[0] - 2)
+    return whole & (np.maximum(width, height) < 2.5 * np.minimum(width, height))
+
+
+def _weighted_centres(bright: npt.NDArray[np.float32], stats: npt.NDArray[np.int32]) -> FloatArray:
+    """Centroids of the brightness above the ground around each blob."""
+    centres = np.empty((len(stats), 2))
+    for n, (left, top, width, height, _) in enumerate(stats):
+        margin = 2 + max(width, height) // 4
+        rows = slice(max(top - margin, 0), top + height + margin)
+        columns = slice(max(left - margin, 0), left + width + margin)
+        window = bright[rows, columns].astype(float)
+        ground = np.median(np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]]))
+        weight = np.maximum(window - ground, 0.0)
+        weight[weight < EDGE_PART * weight.max()] = 0.0
+        total = max(weight.sum(), 1e-12)
+        centres[n] = (
+            columns.start + (weight.sum(axis=0) @ np.arange(weight.shape[1])) / total,
+            rows.start + (weight.sum(axis=1) @ np.arange(weight.shape[0])) / total,
+        )
+    return centres
+
+
+def _indexed(points: FloatArray) -> IntArray:
+    """Index (column, row) of every dot, grown from the middle one; the least integer where none was given."""
+    tree = KDTree(points)
+    middle = int(np.argmin(np.hypot(*(points - np.median(points, axis=0)).T)))
+    site = np.full((len(points), 2), np.iinfo(np.int64).min)
+    taken = {(0, 0): middle}
+    site[middle] = 0
+    queue = deque([(middle, _first_steps(points, tree, middle))])
+    while queue:
+        here, steps = queue.popleft()
+        for axis, way in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            offset = np.array([way if axis == 0 else 0, way if axis == 1 else 0])
+            key = (int(site[here, 0] + offset[0]), int(site[here, 1] + offset[1]))
+            distance, there = tree.query(points[here] + way * steps[axis])
+            if key in taken or site[there, 0] != np.iinfo(np.int64).min:
+                continue
+            if distance < NEAR * float(np.hypot(*steps[axis])):
+                taken[key], site[there] = int(there), key
+                moved = steps.copy()
+                moved[axis] = way * (points[there] - points[here])
+                queue.append((int(there), moved))
+    return site
+
+
+def _first_steps(points: FloatArray, tree: KDTree, middle: int) -> FloatArray:
+    """Steps (2, 2) from the middle dot to its neighbours along columns and rows."""
+    _, near = tree.query(points[middle], k=5)
+    arms = points[near[1:]] - points[middle]
+    along = arms[np.argmax(arms[:, 0])]
+    down = arms[np.argmax(arms[:, 1])]
+    return np.stack([along, down])
+
+
+def _detection(
+    site: IntArray, points: FloatArray, shape: tuple[int, ...], profile: LineProfile, polarity: Literal["dark", "light"]
+) -> GridDetection:
+    order = np.lexsort((site[:, 0], site[:, 1]))
+    site, points = site[order], points[order]
+    sigma = np.full(len(points), _scatter_px(site, points))
+    lines = [
+        GridLine(family, k, points[pick, 0], points[pick, 1], sigma[pick], np.full(pick.sum(), int(LineStatus.OK)))
+        for axis, family in ((1, FAMILIES[0]), (0, FAMILIES[1]))
+        for k in range(int(site[:, axis].max()) + 1)
+        for pick in [site[:, axis] == k]
+        if pick.any()
+    ]
+    size = (int(shape[0]), int(shape[1]))
+    column, row = site.T
+    u, v = points.T
+    return GridDetection(row, column, u, v, sigma, tuple(lines), size, polarity, profile)
+
+
+def _between_neighbours(site: IntArray, points: FloatArray) -> npt.NDArray[np.bool_]:
+    """Dots that lie midway between their neighbours along rows or along columns: dirt moves the others off both."""
+    nodes = np.full((site[:, 1].max() + 3, site[:, 0].max() + 3, 2), np.nan)
+    nodes[site[:, 1] + 1, site[:, 0] + 1] = points
+    bends = [
+        np.hypot(*np.moveaxis(nodes[1:-1, 1:-1] - 0.5 * (first + last), 2, 0))
+        for first, last in ((nodes[:-2, 1:-1], nodes[2:, 1:-1]), (nodes[1:-1, :-2], nodes[1:-1, 2:]))
+    ]
+    off = np.fmin(*bends)[site[:, 1], site[:, 0]]
+    return ~(off > OFF_SCATTERS * np.nanmedian(off))
+
+
+def _scatter_px(site: IntArray, points: FloatArray) -> float:
+    """Standard deviation of a dot about the middle of its neighbours, px: what a smooth lens leaves."""
+    nodes = np.full((site[:, 1].max() + 1, site[:, 0].max() + 1, 2), np.nan)
+    nodes[site[:, 1], site[:, 0]] = points
+    bend = nodes[:, 3:] - 3 * nodes[:, 2:-1] + 3 * nodes[:, 1:-2] - nodes[:, :-3]
+    seen = bend[np.isfinite(bend)]
+    # The third difference of independent errors has 1 + 9 + 9 + 1 = 20 times their variance.
+    return max(1e-3, 1.4826 * float(np.median(np.abs(seen))) / np.sqrt(20)) if seen.size else 0.05
