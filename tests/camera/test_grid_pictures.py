@@ -9,12 +9,15 @@ import pytest
 
 from fringecal.camera.check_points import check_points, cost_of_neglect_px
 from fringecal.camera.distortion import examine_distortion
+from fringecal.camera.grid_camera import camera_height, fit_grid_camera
+from fringecal.camera.lens import Lens
 from fringecal.camera.scale import thesis_scale
 from fringecal.camera.straightness import family_rms_px
 from fringecal.detect.dots import find_dot_grid
 from fringecal.detect.grid import FAMILIES, find_grid
 from fringecal.detect.line_section import line_section
 from fringecal.errors import DetectionError
+from fringecal.procedures.checks import pitch_check
 from fringecal.uncertainty.estimates import Estimate
 
 ROOT = Path(__file__).parents[2]
@@ -121,6 +124,22 @@ def test_a_tilted_sheet_has_its_scale_at_the_centre(campaign):
     assert abs(at_centre.value - rig.camera.scale_mm_per_px) < 4 * at_centre.u
     naive = thesis_scale(grid, pitch).beside(at_centre).mean
     assert abs(naive.value - rig.camera.scale_mm_per_px) < 2 * naive.u
+
+
+def test_a_wrong_pitch_shows_in_the_height_when_the_lens_is_known(campaign):
+    rig = campaign.draw_rig(np.random.default_rng(4)).at(camera={"tilt_deg": (1.0, -0.5), "distortion": (0.0,) * 5})
+    grey, _, _ = campaign.picture(rig, 30.0, np.random.default_rng(6))
+    focal = rig.camera.height_mm / rig.camera.scale_mm_per_px
+    values = np.array([focal, focal, 239.5, 199.5, 0, 0, 0, 0, 0])
+    lens = Lens(values, np.diag(np.r_[(1e-3 * values[:2]) ** 2, 0.25, 0.25, np.zeros(5)]), 480, 400)
+    true_pitch, stated = 30.0 * rig.camera.scale_mm_per_px, Estimate(rig.camera.height_mm, 5.0, "mm")
+    grid = find_grid(grey)
+    for factor, decision in ((1.0, "pass"), (1.2, "fail")):
+        pitch = Estimate(factor * true_pitch, 1e-4 * true_pitch, "mm")
+        seen = camera_height(fit_grid_camera(grid, pitch, lens=lens))
+        # Height is focal length times scale, which goes with the pitch; the lens is known to 0.1 %.
+        assert seen.value == pytest.approx(factor * stated.value, rel=4e-3)
+        assert pitch_check(seen, stated).decision == decision
 
 
 def test_campaign_of_virtual_cameras(campaign):

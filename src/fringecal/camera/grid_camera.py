@@ -4,6 +4,7 @@ import numpy as np
 from scipy import special
 
 from fringecal.camera.lens import Lens
+from fringecal.camera.plate import CAMERA_NAMES
 from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
 from fringecal.detect.grid import GridDetection
 from fringecal.errors import FitError
@@ -69,6 +70,13 @@ def fit_grid_camera(
             break
         best = richer
     return best
+
+
+def camera_height(fit: CameraFit) -> Estimate:
+    """Height of the entrance pupil above the plate, mm, as fitted."""
+    place = CAMERA_NAMES.index("height_mm")
+    u = float(np.sqrt(fit.camera.covariance[place, place]))
+    return Estimate(fit.camera["height_mm"], u, "mm", "camera height", fit.dof)
 
 
 def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from fringecal.camera.distortion import DistortionTest, examine_distortion
-from fringecal.camera.grid_camera import fit_grid_camera
+from fringecal.camera.grid_camera import camera_height, fit_grid_camera
 from fringecal.camera.lens import Lens
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.camera.scale import ThesisScale, thesis_scale
@@ -18,7 +18,11 @@ from fringecal.uncertainty.estimates import Estimate
 
 @dataclass(frozen=True)
 class CameraFindings:
-    """What the grid picture says of the camera."""
+    """What the grid picture says of the camera.
+
+    `height_seen` is the camera's height by lens and grid alone, where another one is stated: they differ by as much as
+    the grid's stated pitch errs. Without a lens a wrong pitch cannot be told from another height.
+    """
 
     capture: Capture
     target: LineGrid
@@ -27,6 +31,7 @@ class CameraFindings:
     distortion: DistortionTest
     tables: ThesisScale
     lens: KnownLens | None = None
+    height_seen: Estimate | None = None
 
     @property
     def scales(self) -> dict[str, Estimate]:
@@ -62,8 +67,13 @@ def measure_camera(session: Session) -> CameraFindings:
     detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
     lens = known_lens(session)
     fit = fit_camera(session, capture.target, detection, None if lens is None else lens.lens)
-    tables = thesis_scale(detection, capture.target.pitch_mm.estimate("grid pitch", "mm"))
-    return CameraFindings(capture, capture.target, detection, fit, examine_distortion(detection), tables, lens)
+    pitch = capture.target.pitch_mm.estimate("grid pitch", "mm")
+    test = examine_distortion(detection)
+    tables = thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
+    seen = None
+    if lens is not None and session.camera.height_mm is not None and not session.camera.telecentric:
+        seen = camera_height(fit_grid_camera(detection, pitch, lens=lens.lens))
+    return CameraFindings(capture, capture.target, detection, fit, test, tables, lens, seen)
 
 
 def fit_camera(session: Session, target: LineGrid, detection: GridDetection, lens: Lens | None = None) -> CameraFit:

@@ -1,11 +1,13 @@
 """Named checks of a commissioning: value, limit, rule and one of four outcomes."""
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fringecal.procedures.further import CONTRADICTS
 from fringecal.records.parts import Check
 from fringecal.uncertainty.conformity import decide
+from fringecal.uncertainty.estimates import Estimate
 from fringecal.verify.readings import Reading
 
 if TYPE_CHECKING:
@@ -36,6 +38,9 @@ def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
             rule=f"verdict {found.camera.distortion.verdict}; corrected by the camera model",
         ),
     ]
+    stated = found.session.camera.height_mm
+    if found.camera.height_seen is not None and stated is not None:
+        checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm")))
     if found.angle_en is not None:
         checks.append(
             Check(
@@ -69,6 +74,26 @@ def _heights_check(found: "Commissioning") -> Check:
         limit=CONTRADICTS,
         decision="fail" if largest > CONTRADICTS else "pass",
         rule="no stated height is moved by more standard uncertainties than this so that all agree",
+    )
+
+
+def pitch_check(seen: Estimate, stated: Estimate) -> Check:
+    """Compare the camera's height by lens and grid with the stated one: a wrong pitch moves the first in proportion.
+
+    Examples
+    --------
+    >>> check = pitch_check(Estimate(1200.0, 3.0, "mm"), Estimate(1000.0, 5.0, "mm"))
+    >>> check.decision, round(check.value, 1)
+    ('fail', 17.1)
+    """
+    en = (seen.value - stated.value) / (2 * math.hypot(seen.u, stated.u))
+    return Check(
+        name="grid pitch against camera height",
+        value=en,
+        limit=EN_LIMIT,
+        decision="pass" if abs(en) <= EN_LIMIT else "fail",
+        rule=f"|En| <= 1; lens and grid put the camera at {seen.value:.1f} mm, stated are {stated.value:.1f} mm: if "
+        f"not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
     )
 
 
