@@ -62,7 +62,7 @@ def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
     >>> picture = 200.0 - 150 * (np.hypot((u - 10) % 24 - 12, (v - 10) % 24 - 12) < 5)
     >>> grid = find_dot_grid(picture)
     >>> len(grid.family("vertical")), len(grid.family("horizontal"))
-    (9, 7)
+    (9, 8)
     """
     grey = np.asarray(image, dtype=np.float32)
     if grey.ndim != 2 or min(grey.shape) < 40 or not np.isfinite(grey).all() or np.ptp(grey) == 0:

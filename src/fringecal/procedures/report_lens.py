@@ -10,7 +10,7 @@ from fringecal.camera.lens_fit import LensFit
 from fringecal.procedures.lens import BoardPicture, KnownLens, LensFindings
 from fringecal.procedures.report_parts import concise, estimates_table
 from fringecal.records.provenance import software_versions
-from fringecal.report.figures_camera import residual_arrows
+from fringecal.report.figures_grid import residual_quiver
 from fringecal.report.figures_lens import boards_overlay, lens_coverage, uncertainty_map
 from fringecal.report.structure import Fact, FigureItem, InputFile, Report, Section, Table, Verdict
 
@@ -142,7 +142,7 @@ def _figures(found: LensFindings, distance_mm: float) -> tuple[FigureItem, ...]:
         ),
         FigureItem(
             "Residuals of the boards",
-            residual_arrows(points, rest, shape, title="observed - modelled, enlarged"),
+            residual_quiver(points, rest, shape, title="observed - modelled"),
             f"Arrows at the points of all boards, observed minus modelled, {fit.rms_px:.3f} px rms. Arrows that point "
             "alike in a region would show what the lens model leaves out.",
         ),
