@@ -1,7 +1,7 @@
 """From one grey picture of strips to a fitted rig and its breaks: the ridge and the skeleton estimators."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,7 +20,7 @@ from fringecal.projection.breaks import (
     gather_centres,
     zones_of,
 )
-from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
+from fringecal.projection.calibration import HeightDoubt, Observations, RigCalibration, calibrate_rig
 from fringecal.projection.fit import RigFit
 from fringecal.projection.picture_strips import PictureStrips, strips_in_picture
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
@@ -32,6 +32,8 @@ PictureEstimator = Literal["ridge", "skeleton"]
 
 _RIDGE_INDEPENDENT_PX = 3.5  # 2 sqrt(pi) of the smoothing along the fringe
 _SKELETON_MIDDLE = 0.3  # nearer to an edge a thinned line bends toward its neighbour on the other level
+_READING_PX = 0.06  # found on random drawn rigs: what thinning shifts all breaks by, beside their scatter
+_LEAST_WIDTH = 0.9  # periods: a strip or gap narrower than this is a blob, whose thinned line is upright
 _LEAST_BREAKS = 12
 _DEGREE = 3  # of the plate's smooth residual: whole fringes carry less than pixels do
 
@@ -88,6 +90,8 @@ def picture_breaks(
     progress("finding the strips in one picture")
     found = strips_in_picture(grey, target, camera.camera)
     ordered = order_strips(found.plate_phase_rad, found.strips, camera.camera, projector_mm=projector_mm)
+    if estimator == "skeleton":
+        _demand_width(found)
     progress(f"reading the fringes ({estimator})")
     points = _points(grey, found, ordered, estimator)
     in_pixels = breaks_of_points(points)
@@ -97,6 +101,8 @@ def picture_breaks(
             "finer fringes, more strips in the picture, or the phase estimator are needed"
         )
     observations = _observations(points, found, ordered, by_fringe=estimator == "skeleton")
+    if estimator == "skeleton":
+        observations = _with_reading(observations, float(np.median(np.abs(in_pixels.v_px - in_pixels.base_px))))
     progress("fitting the rig")
     calibration, fit = calibrate_rig(observations, camera, residual_degree=_DEGREE, projector_near=projector_mm)
     heights = np.array([e.value for e in found.strips.heights_mm])[np.array(ordered.items)[in_pixels.strip - 1]]
@@ -104,6 +110,28 @@ def picture_breaks(
     breaks = breaks_on_plate(in_pixels, calibration.model, calibration.camera, heights, along=along)
     breaks = breaks.without_outliers(projection_tangent(calibration.model, breaks.x_mm, breaks.y_mm))
     return PictureBreaks(found, ordered, points, breaks, observations, calibration, fit)
+
+
+def _demand_width(found: PictureStrips) -> None:
+    """Refuse strips or gaps so narrow that thinned lines bend into their neighbours, by degrees in the angle."""
+    edges, period = found.strips.regions.edges_px, found.carrier.period_px
+    narrowest = (
+        float(min(np.median(np.diff(edges)), np.median(edges[1:, 0] - edges[:-1, 1]))) if len(edges) > 1 else 0.0
+    )
+    if narrowest < _LEAST_WIDTH * period:
+        raise FitError(
+            f"strips or gaps of {narrowest:.0f} px are too narrow for fringes of {period:.0f} px to be thinned: at "
+            f"least {_LEAST_WIDTH:g} of a period is needed; use the ridge or phase estimator, or finer fringes"
+        )
+
+
+def _with_reading(observations: Observations, shift_px: float) -> Observations:
+    """Add what thinned lines err alike on all strips: a common shift, the same to the rig as a height in proportion."""
+    doubts = tuple(
+        (HeightDoubt("reading of thinned lines", height.value * _READING_PX / shift_px),) if height.value > 0 else ()
+        for height in observations.height_mm
+    )
+    return replace(observations, doubts=doubts)
 
 
 def _points(grey: NDArray, found: PictureStrips, ordered: OrderedStrips, estimator: PictureEstimator) -> FringePoints:
