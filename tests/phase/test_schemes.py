@@ -175,3 +175,11 @@ def test_steps_that_determine_nothing_are_refused(steps_deg, message):
 def test_unknown_scheme_lists_the_known(name):
     with pytest.raises(PhaseError, match="hariharan-5"):
         scheme(name)
+
+
+def test_radians_stated_as_degrees_are_asked_about():
+    with pytest.raises(PhaseError, match="look like radians: state degrees, 0, 119.977, 240.012"):
+        least_squares(np.deg2rad([0, 2.094, 4.189]))
+    with pytest.raises(PhaseError) as error:
+        least_squares(np.deg2rad([0, 0, 180]))
+    assert "radians" not in str(error.value)

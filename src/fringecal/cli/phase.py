@@ -12,7 +12,16 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.errors import PhaseError, SessionError
-from fringecal.phase import Diagnosis, PhaseSummary, StepEstimate, diagnose, summarise
+from fringecal.phase import (
+    Diagnosis,
+    Finding,
+    PhaseSummary,
+    StepEstimate,
+    compare_repeats,
+    diagnose,
+    findings_of_repeats,
+    summarise,
+)
 from fringecal.records.files import replacing
 from fringecal.report.figures_phase import doctor_overview, phase_overview
 from fringecal.session import Capture, Session, load_session
@@ -43,6 +52,7 @@ class _Set:
     steps_rad: np.ndarray
     white_level: float | None
     reference: np.ndarray | None = None
+    repeats: np.ndarray | None = None
 
 
 def register(app: typer.Typer) -> None:
@@ -73,7 +83,7 @@ def phase(
                 reference=one.reference,
                 mm_per_rad=mm_per_rad,
             )
-            document["findings"] = [asdict(finding) for finding in diagnosis.findings]
+            document["findings"] = [asdict(finding) for finding in (*diagnosis.findings, *_between_repeats(one))]
             document["ripple_rad"] = {str(order): value for order, value in diagnosis.ripple_rad.items()}
             document["files"] += _save_doctor(diagnosis, one.name, out) if out else []
         documents.append(document)
@@ -83,6 +93,13 @@ def phase(
         _show(documents)
     if any(document.get("findings") for document in documents):
         raise typer.Exit(3)
+
+
+def _between_repeats(one: _Set) -> tuple[Finding, ...]:
+    """Return what repeats of the set show, where there are several."""
+    if one.repeats is None:
+        return ()
+    return findings_of_repeats(compare_repeats(one.repeats, one.steps_rad, white_level=one.white_level))
 
 
 def _sets(source: list[Path], steps: str | None, capture: str | None) -> Iterator[_Set]:
@@ -113,10 +130,14 @@ def _session_sets(folder: Path, name: str | None) -> Iterator[_Set]:
 
 
 def _reference_of(session: Session, capture: Capture) -> Capture | None:
-    """Return the session's picture of the bare plate, if it has one that can be compared with a capture."""
-    plates = [one for one in session.find("reference") if one.name != capture.name]
-    same = [one for one in plates if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
-    return same[0] if len(same) == 1 else None
+    """Return the session's picture of the bare plate, or for a plate any other, to compare a capture with."""
+    others = [one for one in session.captures.values() if one.name != capture.name and one.steps_rad]
+    same = [one for one in others if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    plates = [one for one in same if one.kind == "reference"]
+    # A plate's own frames in another order show against anything else that the rig has taken.
+    if capture.kind == "reference" and same:
+        return same[0]
+    return plates[0] if len(plates) == 1 else None
 
 
 def _capture_sets(capture: Capture, plate: Capture | None) -> Iterator[_Set]:
@@ -131,7 +152,15 @@ def _capture_sets(capture: Capture, plate: Capture | None) -> Iterator[_Set]:
             bare = plate.read_set(period=period) if plate is not None else None
             if bare is not None and bare.shape != frames.shape:
                 bare = None
-            yield _Set(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare)
+            again = _repeats_of(capture, period) if repeat == 0 else None
+            yield _Set(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare, again)
+
+
+def _repeats_of(capture: Capture, period: int) -> np.ndarray | None:
+    """Return all repeats of one fringe period, (R, N, H, W), where there are several."""
+    if capture.repeat < 2:
+        return None
+    return np.stack([capture.read_set(repeat=k, period=period) for k in range(capture.repeat)])
 
 
 def _picture_set(paths: list[Path], steps_rad: np.ndarray) -> _Set:
@@ -196,6 +225,7 @@ def _document(one: _Set, summary: PhaseSummary, files: list[str]) -> dict[str, A
         "modulation": summary.median_modulation,
         "u_phase_rad": summary.median_sigma_rad,
         "noise": {"read_sigma": map_.noise.read_sigma, "gain": map_.noise.gain},
+        "undone": list(summary.undone),
         "notes": list(summary.notes),
         "files": files,
     }
@@ -226,7 +256,7 @@ def _show(documents: list[dict[str, Any]]) -> None:
         "set",
         "valid",
         "masked because",
-        "B",
+        "B / levels",
         "u(phase) / rad",
         "period / px",
         "steps found / deg",
@@ -262,11 +292,13 @@ def _sentences(one: dict[str, Any]) -> Iterator[str]:
         stated = ", ".join(f"{step:g}" for step in one["steps_stated_deg"])
         u = max(found["u_deg"])
         yield f"the steps differ from the stated {stated} deg by more than chance explains (u = {u:.3f} deg)"
+    if one["undone"]:
+        yield "the map is corrected: " + "; ".join(one["undone"])
     yield from one["notes"]
     for finding in one.get("findings", []):
         yield _finding_sentence(finding)
     if one.get("findings") == []:
-        yield "the doctor finds nothing wrong"
+        yield "the doctor finds nothing wrong that costs more than 0.004 rad"
     if one["files"]:
         yield "wrote " + ", ".join(one["files"])
 

@@ -1,5 +1,6 @@
 """Pixels only: schemes, demodulation with noise and mask, unwrapping, and a doctor for the frames."""
 
+from fringecal.phase.adapted import Adapted, demodulate_adapted
 from fringecal.phase.corrections import correct_steps, equalise
 from fringecal.phase.counting import count_fields
 from fringecal.phase.demodulate import PhaseMap, Reason, demodulate
@@ -10,6 +11,7 @@ from fringecal.phase.gray import decode_gray, unwrap_gray
 from fringecal.phase.guided import unwrap_guided
 from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
+from fringecal.phase.repeats import RepeatScatter, compare_repeats, findings_of_repeats, mean_of_repeats
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
 from fringecal.phase.smoothing import smooth_phase
 from fringecal.phase.steps import StepEstimate, estimate_steps
@@ -20,6 +22,7 @@ from fringecal.phase.unwrap import Unwrapped, unwrap
 from fringecal.phase.waveform import Waveform, correct_gamma, estimate_waveform, phase_error
 
 __all__ = [
+    "Adapted",
     "Diagnosis",
     "Finding",
     "FringePeriod",
@@ -27,6 +30,7 @@ __all__ = [
     "PhaseMap",
     "PhaseSummary",
     "Reason",
+    "RepeatScatter",
     "Scheme",
     "StepEstimate",
     "Unwrapped",
@@ -36,20 +40,24 @@ __all__ = [
     "buckets",
     "carre",
     "carrier",
+    "compare_repeats",
     "correct_gamma",
     "correct_steps",
     "count_fields",
     "decode_gray",
     "demodulate",
+    "demodulate_adapted",
     "demodulate_strips",
     "diagnose",
     "equalise",
     "estimate_noise",
     "estimate_steps",
     "estimate_waveform",
+    "findings_of_repeats",
     "fourier_phase",
     "fringe_period",
     "least_squares",
+    "mean_of_repeats",
     "noise_from_repeats",
     "order_error_rate",
     "phase_error",

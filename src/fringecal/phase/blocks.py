@@ -52,6 +52,9 @@ class Block:
         `Re(r exp(-i k phase))`, (5,).
     rms
         Residual of the frames, rms, grey levels.
+    noise
+        The same without what all frames of a pixel share in proportion to their light, as texture is: noise, and
+        whatever else differs from frame to frame, grey levels.
     """
 
     u_px: float
@@ -61,6 +64,7 @@ class Block:
     harmonics: NDArray[np.complex128]
     ripple: NDArray[np.complex128]
     rms: float
+    noise: float
 
 
 def measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None) -> list[Block]:
@@ -158,4 +162,15 @@ def _fit_frames(
     residual = grey.T - basis @ coefficients
     signal = coefficients[6] + 1j * coefficients[9]
     harmonics = coefficients[12::2] + 1j * coefficients[13::2]
-    return Block(*centre, signal, coefficients[0], harmonics, ripple, float(np.sqrt(np.mean(residual**2))))
+    return Block(*centre, signal, coefficients[0], harmonics, ripple, _rms(residual), _noise(residual, grey.T))
+
+
+def _rms(residual: NDArray) -> float:
+    return float(np.sqrt(np.mean(residual**2)))
+
+
+def _noise(residual: NDArray, grey: NDArray) -> float:
+    """Return the rms residual without texture: in each pixel (row) the part in proportion to its light."""
+    n = grey.shape[1]
+    texture = (residual * grey).sum(axis=1) / np.maximum((grey * grey).sum(axis=1), 1e-12)
+    return _rms(residual - texture[:, None] * grey) * float(np.sqrt(n / (n - 1)))

@@ -25,11 +25,17 @@ def equalise(found: StepEstimate, *, steps_rad: ArrayLike | None = None) -> Sche
 
     Notes
     -----
-    Frame n is taken as `gain_n (A + B cos(phi + delta_n)) + offset_n`. A gain acts alike on bright and on dark
-    parts; the offset is that of the typical part, and right elsewhere as far as stray light is even.
+    Frame n is taken as `background_n A + gain_n B cos(phi + delta_n) + offset_n`. Gain and background act alike on
+    bright and on dark parts; what is added everywhere alike (a raised black level) is the offset. Which of the two
+    a background is, is read from how it changes over the picture.
     """
-    steps = found.steps_rad if steps_rad is None else steps_rad
-    return least_squares(steps, name="equalised", gains=found.gain_per_frame, offsets=found.offset_per_frame)
+    return least_squares(
+        found.steps_rad if steps_rad is None else steps_rad,
+        name="equalised",
+        gains=found.gain_per_frame,
+        offsets=found.offset_per_frame,
+        backgrounds=found.background_per_frame,
+    )
 
 
 def correct_steps(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayLike) -> PhaseMap:

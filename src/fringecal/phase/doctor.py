@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.phase.adapted import smoothed_noise
 from fringecal.phase.blocks import RIPPLE_ORDERS, Block, measure_blocks
 from fringecal.phase.demodulate import PhaseMap, demodulate
 from fringecal.phase.evidence import Evidence, Finding, sparse
@@ -30,9 +31,9 @@ class Diagnosis:
         The set demodulated with the stated steps.
     period, steps, wave
         Fringe period, steps and wave shape as measured; None where the scene does not allow it.
-    ripple_rad
-        Amplitude of the ripple that the phase has with the stated steps, by order against the fringes (1 lamp,
-        2 steps, 3 gamma with three steps), rad; empty where it was not measured.
+    ripple
+        Ripple that the phase has with the stated steps, by order k against the fringes (1 lamp, 2 steps, 3 gamma
+        with three steps): the error is the sum of `Re(r_k exp(-i k phase))`, rad; empty where it was not measured.
     notes
         What could not be looked at, and why.
     """
@@ -42,8 +43,13 @@ class Diagnosis:
     period: FringePeriod | None
     steps: StepEstimate | None
     wave: Waveform | None
-    ripple_rad: dict[int, float]
+    ripple: dict[int, complex]
     notes: tuple[str, ...]
+
+    @property
+    def ripple_rad(self) -> dict[int, float]:
+        """Return the amplitude of each order of ripple, rad."""
+        return {order: abs(value) for order, value in self.ripple.items()}
 
     def names(self) -> tuple[str, ...]:
         """Return the names of the findings."""
@@ -88,7 +94,7 @@ def diagnose(
     map_ = demodulate(grey, steps, white_level=white_level, max_misfit=np.inf)
     evidence = _with_reference(Evidence(sparse(grey), steps, map_), grey, reference, white_level)
     notes: list[str] = []
-    ripple: dict[int, float] = {}
+    ripple: dict[int, complex] = {}
     try:
         evidence = replace(evidence, period=fringe_period(map_.phase, map_.valid))
         found, blocks = steps_and_blocks(grey, steps, mask=mask, white_level=white_level)
@@ -96,6 +102,7 @@ def diagnose(
         ripple = _ripple(measure_blocks(grey, map_, mask))
     except PhaseError as error:
         notes.append(f"steps, brightness and wave shape could not be looked at: {error}")
+    notes += smoothed_noise(map_, evidence.steps)
     findings = [finding for test in TESTS for finding in test(evidence)]
     fatal = [finding for finding in findings if finding.name in _FATAL]
     return Diagnosis(
@@ -127,13 +134,13 @@ def _with_reference(
     return replace(evidence, frames=both[: len(grey)], reference=both[len(grey) :], reference_period=period)
 
 
-def _ripple(blocks: list[Block]) -> dict[int, float]:
-    """Return the amplitude of each order of ripple, the median over the blocks of either part."""
+def _ripple(blocks: list[Block]) -> dict[int, complex]:
+    """Return each order of ripple, the median over the blocks of either part."""
     if not blocks:
         return {}
     ripples = np.array([block.ripple for block in blocks])
     middle = np.median(ripples.real, axis=0) + 1j * np.median(ripples.imag, axis=0)
-    return dict(zip(RIPPLE_ORDERS, np.abs(middle).tolist(), strict=True))
+    return dict(zip(RIPPLE_ORDERS, middle.tolist(), strict=True))
 
 
 def _priced(findings: list[Finding], mm_per_rad: float | None) -> list[Finding]:

@@ -14,6 +14,7 @@ from fringecal.errors import PhaseError
 
 MAX_NOISE_GAIN = 10.0
 """Steps that make the phase this many times noisier than N equal steps would are refused."""
+_FULL_TURN = 6.3  # radians, rounded as people write them
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,10 @@ class Scheme:
         Phase steps delta_n of the N frames, rad.
     weights
         Array (3, N): rows give A, B cos(phi) and B sin(phi) from the N grey values.
-    gains, offsets
-        Brightness of each frame against the mean, and grey levels added to it, where they are known to differ:
-        `I_n = gain_n (A + B cos(phi + delta_n)) + offset_n`; empty for 1 and 0.
+    gains, offsets, backgrounds
+        Modulation of each frame against the mean, grey levels added to it, and its background against the mean,
+        where they are known to differ: `I_n = background_n A + gain_n B cos(phi + delta_n) + offset_n`; empty for
+        1, 0, and the gains.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Scheme:
     weights: NDArray[np.float64]
     gains: tuple[float, ...] = ()
     offsets: tuple[float, ...] = ()
+    backgrounds: tuple[float, ...] = ()
 
     @property
     def zero(self) -> NDArray[np.float64]:
@@ -48,9 +51,10 @@ class Scheme:
     def model(self) -> NDArray[np.float64]:
         """Return what A, B cos(phi), B sin(phi) and 1 are multiplied with in each frame, (N, 4)."""
         steps = np.asarray(self.steps_rad)
-        columns = np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)])
-        gains = np.asarray(self.gains or np.ones_like(steps))[:, None]
-        return np.column_stack([gains * columns, self.offsets or np.zeros_like(steps)])
+        one = np.ones_like(steps)
+        gains = np.asarray(self.gains or one)
+        columns = (self.backgrounds or gains, gains * np.cos(steps), -gains * np.sin(steps), self.offsets or 0 * one)
+        return np.column_stack(columns)
 
     @property
     def noise_gain(self) -> float:
@@ -60,7 +64,12 @@ class Scheme:
 
 
 def least_squares(
-    steps_rad: ArrayLike, *, name: str | None = None, gains: ArrayLike = 1.0, offsets: ArrayLike = 0.0
+    steps_rad: ArrayLike,
+    *,
+    name: str | None = None,
+    gains: ArrayLike = 1.0,
+    offsets: ArrayLike = 0.0,
+    backgrounds: ArrayLike | None = None,
 ) -> Scheme:
     """Build the least-squares scheme for any set of three or more steps.
 
@@ -70,13 +79,13 @@ def least_squares(
         Phase steps delta_n, rad, (N,), N >= 3; equal spacing is not needed.
     name
         Name for reports; by default the number of steps.
-    gains, offsets
-        Brightness of each frame against the mean, and grey levels added to it, (N,), where they are known,
-        such as `StepEstimate.gain_per_frame` and `.offset_per_frame`.
+    gains, offsets, backgrounds
+        Modulation of each frame against the mean, grey levels added to it, and its background against the mean
+        (as the gains if not given), (N,), where they are known, such as `StepEstimate.gain_per_frame`.
 
     Notes
     -----
-    With the design matrix `M = gain [1, cos(delta), -sin(delta)]` the weights are `(M^T M)^-1 M^T`
+    With the design matrix `M = [background, gain cos(delta), -gain sin(delta)]` the weights are `(M^T M)^-1 M^T`
     (Greivenkamp, Opt. Eng. 23 (1984) 350, eq. 11).
 
     Raises
@@ -93,8 +102,14 @@ def least_squares(
     """
     steps = np.asarray(steps_rad, dtype=np.float64).ravel()
     _refuse_too_few(steps)
-    of_frames = _one_each(gains, steps, "gains"), _one_each(offsets, steps, "offsets")
-    bare = Scheme(name or f"least squares, {steps.size} steps", tuple(steps.tolist()), np.empty((3, 0)), *of_frames)
+    bare = Scheme(
+        name or f"least squares, {steps.size} steps",
+        tuple(steps.tolist()),
+        np.empty((3, 0)),
+        _one_each(gains, steps, "gains"),
+        _one_each(offsets, steps, "offsets"),
+        _one_each(gains if backgrounds is None else backgrounds, steps, "backgrounds"),
+    )
     design = bare.model[:, :3]
     singular = np.linalg.svd(design, compute_uv=False)
     scheme = replace(bare, weights=np.linalg.pinv(design))
@@ -102,7 +117,7 @@ def least_squares(
         raise PhaseError(
             f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
             "needed: at least three steps well spread over a period, such as 0, 120, 240 deg; "
-            "check steps_deg (duplicated frames count once)"
+            "check steps_deg (duplicated frames count once)" + _perhaps_radians(steps)
         )
     return scheme
 
@@ -121,6 +136,14 @@ def _refuse_too_few(steps: NDArray[np.float64]) -> None:
         raise PhaseError(f"found {steps.size} phase steps; at least 3 are needed: take more frames")
     if not np.isfinite(steps).all():
         raise PhaseError(f"steps {steps.tolist()} rad are not all finite: state every step as a number")
+
+
+def _perhaps_radians(steps: NDArray[np.float64]) -> str:
+    """Ask, where numbers stated as degrees would make sense as radians."""
+    as_stated = np.rad2deg(steps)
+    if np.abs(as_stated).max() > _FULL_TURN or np.ptp(as_stated) < 1:
+        return ""
+    return f"; {_in_degrees(steps)} look like radians: state degrees, {_in_degrees(as_stated)}"
 
 
 def _in_degrees(steps: NDArray[np.float64]) -> str:

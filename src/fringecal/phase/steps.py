@@ -21,6 +21,9 @@ _LEAST_BLOCKS = 4
 _OUTLIER_MADS = 4.0
 _MAD_TO_SIGMA = 1.482602218505602
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
+_RARE = 1e-4
+_MEDIAN_TO_MEAN = 1.2533141373155003  # standard deviation of a median over that of a mean
+_CLEARLY = 0.8
 _ROUNDS = 3
 _CONVERGED_RAD = 1e-5
 
@@ -41,12 +44,20 @@ class StepEstimate:
         Change of each step over the field, rad/px along u and v, (N, 2), zero for the first.
     u_gradient_rad_px
         Standard uncertainties of the same, (N, 2).
-    gain_per_frame
-        Modulation of each frame against the mean over the frames, (N,).
+    gain_per_frame, u_gain
+        Modulation of each frame against the mean over the frames, and its standard uncertainty, (N,).
+    background_per_frame, u_background
+        Background of each frame against the mean over the frames, and its standard uncertainty, (N,); the gain
+        where `offset_per_frame` says the rest.
     offset_per_frame
-        Background of each frame, gain removed, against the mean over the frames, grey levels, (N,).
+        What is added to each frame alike on bright and on dark parts, grey levels, (N,); 0 unless that explains
+        the backgrounds better than a factor does.
+    background_level, modulation_level
+        Medians over the blocks, grey levels.
     rms_residual
-        Residual of the frames against carrier, two harmonics and shading, rms, grey levels.
+        Residual of the frames against carrier, harmonics and shading, rms, grey levels.
+    frame_noise
+        The part of it that is not texture: noise, the codec's errors, and roughness, grey levels.
     n_blocks
         Blocks of the picture that were smooth enough to be used.
     """
@@ -57,8 +68,14 @@ class StepEstimate:
     gradient_rad_px: NDArray[np.float64]
     u_gradient_rad_px: NDArray[np.float64]
     gain_per_frame: NDArray[np.float64]
+    u_gain: NDArray[np.float64]
+    background_per_frame: NDArray[np.float64]
+    u_background: NDArray[np.float64]
     offset_per_frame: NDArray[np.float64]
+    background_level: float
+    modulation_level: float
     rms_residual: float
+    frame_noise: float
     n_blocks: int
 
     @property
@@ -70,6 +87,29 @@ class StepEstimate:
     def significant(self) -> bool:
         """Tell whether any step differs from the stated one by more than chance allows (0.27 %, Student)."""
         return bool((np.abs(self.errors_rad[1:]) > self.coverage(_CHANCE) * self.u_rad[1:]).any())
+
+    @property
+    def uneven(self) -> bool:
+        """Tell whether gain or background of any frame differs from the mean by more than chance allows."""
+        limit = self.coverage(_CHANCE / len(self.u_gain))
+        gains = np.abs(self.gain_per_frame - 1) > limit * self.u_gain
+        backgrounds = np.abs(self.level_per_frame / self.background_level - 1) > limit * self.u_background
+        return bool((gains | backgrounds).any())
+
+    @property
+    def level_per_frame(self) -> NDArray[np.float64]:
+        """Return the background of each frame on a typical part, grey levels, (N,)."""
+        return self.background_level * self.background_per_frame + self.offset_per_frame
+
+    def field_change_rad_px(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
+        """Return the change of each step over the field, rad/px along u and v, (N, 2), 0 where it is not sure.
+
+        A slope among blocks that scatter as much as it rises may as well be the object's doing.
+        """
+        known = np.abs(self.gradient_rad_px) > self.coverage(_RARE) * self.u_gradient_rad_px
+        over_field = np.abs(self.gradient_rad_px) * [shape[1], shape[0]]
+        known &= over_field / np.sqrt(12) > self.u_rad[:, None] * np.sqrt(self.n_blocks)
+        return np.where(known, self.gradient_rad_px, 0.0)
 
     def coverage(self, chance: float) -> float:
         """Return how many standard uncertainties a deviation exceeds by chance with this probability."""
@@ -147,10 +187,43 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
     fits = [_robust_plane(u, v, error) for error in errors.T]
     mean, u_mean, gradient, u_gradient = (np.array(part) for part in zip(*fits, strict=True))
     background = np.array([block.background for block in blocks])
-    gain = np.median(np.abs(signal) / np.abs(signal).mean(axis=1, keepdims=True), axis=0)
-    offset = np.median(background - gain * background.mean(axis=1, keepdims=True), axis=0)
-    rms = float(np.sqrt(np.median([block.rms**2 for block in blocks])))
-    return StepEstimate(stated + mean, u_mean, stated, gradient, u_gradient, gain, offset, rms, len(blocks))
+    gain, u_gain = _relative(np.abs(signal))
+    share, u_share = _relative(background)
+    offset = _offset(background, gain, share)
+    return StepEstimate(
+        steps_rad=stated + mean,
+        u_rad=u_mean,
+        stated_rad=stated,
+        gradient_rad_px=gradient,
+        u_gradient_rad_px=u_gradient,
+        gain_per_frame=gain,
+        u_gain=u_gain,
+        background_per_frame=gain if offset.any() else share,
+        u_background=u_share,
+        offset_per_frame=offset,
+        background_level=float(np.median(background)),
+        modulation_level=float(np.median(np.abs(signal))),
+        rms_residual=float(np.sqrt(np.median([block.rms**2 for block in blocks]))),
+        frame_noise=float(np.sqrt(np.median([block.noise**2 for block in blocks]))),
+        n_blocks=len(blocks),
+    )
+
+
+def _relative(values: NDArray) -> tuple[NDArray, NDArray]:
+    """Return each frame's median share of the mean over the frames, block by block, and its u."""
+    shares = values / values.mean(axis=1, keepdims=True)
+    centre = np.median(shares, axis=0)
+    spread = _MAD_TO_SIGMA * np.median(np.abs(shares - centre), axis=0)
+    return centre, _MEDIAN_TO_MEAN * spread / np.sqrt(len(values))
+
+
+def _offset(background: NDArray, gain: NDArray, share: NDArray) -> NDArray:
+    """Return what is added to each frame everywhere alike, if that fits the blocks better than a factor."""
+    level = background.mean(axis=1, keepdims=True)
+    added = background - gain * level
+    offset = np.median(added, axis=0)
+    as_offset, as_factor = np.median(np.abs(added - offset)), np.median(np.abs(background - share * level))
+    return offset if as_offset < _CLEARLY * as_factor else np.zeros_like(offset)
 
 
 def _robust_plane(u: NDArray, v: NDArray, values: NDArray) -> tuple[float, float, NDArray, NDArray]:

@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fringecal.errors import PhaseError
-from fringecal.phase.demodulate import PhaseMap, demodulate
+from fringecal.phase.adapted import demodulate_adapted
+from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.period import FringePeriod, fringe_period
-from fringecal.phase.steps import StepEstimate, estimate_steps
+from fringecal.phase.steps import StepEstimate
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,16 @@ class PhaseSummary:
         Median fringe period, or None where there are no fringes.
     steps
         Steps found from the frames, or None where the scene does not allow it.
+    undone
+        What was corrected, one sentence each; empty where the stated model fits.
     notes
-        Why something is missing, one sentence each.
+        Why something is missing, or what to doubt, one sentence each.
     """
 
     map: PhaseMap
     period: FringePeriod | None
     steps: StepEstimate | None
+    undone: tuple[str, ...]
     notes: tuple[str, ...]
 
     @property
@@ -45,7 +49,7 @@ class PhaseSummary:
 
 
 def summarise(frames: ArrayLike, steps_rad: ArrayLike, *, white_level: float | None = None) -> PhaseSummary:
-    """Demodulate one set with its stated steps and look at fringe period and actual steps.
+    """Demodulate one set, undo what its frames show to differ from the stated model, and look at the fringe period.
 
     Parameters
     ----------
@@ -61,12 +65,11 @@ def summarise(frames: ArrayLike, steps_rad: ArrayLike, *, white_level: float | N
     PhaseError
         Frames and steps that do not fit, as in `demodulate`; a scene without fringes is not an error.
     """
-    map_ = demodulate(frames, steps_rad, white_level=white_level)
-    notes = []
-    period, steps = None, None
+    adapted = demodulate_adapted(frames, steps_rad, white_level=white_level)
+    notes = list(adapted.notes)
+    period = None
     try:
-        period = fringe_period(map_.phase, map_.valid)
-        steps = estimate_steps(frames, steps_rad, white_level=white_level)
+        period = fringe_period(adapted.map.phase, adapted.map.valid)
     except PhaseError as error:
-        notes.append(str(error))
-    return PhaseSummary(map_, period, steps, tuple(notes))
+        notes = [str(error)]
+    return PhaseSummary(adapted.map, period, adapted.steps, adapted.undone, tuple(notes))

@@ -83,7 +83,7 @@ def mirrored(evidence: Evidence) -> Iterator[Finding]:
     if cosine < -0.5:
         yield Finding(
             "swapped frames",
-            "the phase falls where that of the reference rises",
+            "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
             f"directions {evidence.period.direction_deg:.0f} and {evidence.reference_period.direction_deg:.0f} deg",
             float(np.pi / np.sqrt(3)),
             "two frames of one of the sets have changed places, or the fringes were moved the other way: "

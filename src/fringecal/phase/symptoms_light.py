@@ -47,7 +47,7 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
             f"frame {worst + 1} is {'brighter' if background[worst] > 0 else 'darker'} than the set's mean",
             f"{background[worst]:+.1%} in background, {modulation[worst]:+.1%} in modulation",
             ripple_rms(error),
-            "let the lamp warm up, keep room light out; equalise() removes what is the same all over the picture",
+            "let the lamp warm up, keep room light out; commission, verify and reconstruct undo it",
         )
     weakest = int(blurred.argmin())
     u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
@@ -87,15 +87,15 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
             "lower the contrast of the printed or displayed fringes; take four steps or more",
         )
         return
-    harm = ripple_rms(phase_error(evidence.steps_rad, ratios=[second, of_gamma]))
-    large = abs(second) > LEAST_SECOND_HARMONIC or harm > LEAST_RIPPLE_RAD
-    if large and abs(second) > SIGNIFICANT * wave.u[0]:
+    harm = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.significant))
+    if harm > LEAST_RIPPLE_RAD or abs(wave.significant[0]) > LEAST_SECOND_HARMONIC:
         yield Finding(
             "gamma",
             "projector or camera does not answer in proportion to light",
-            f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2f}): second harmonic {second:+.1%} of the first",
+            f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}): second harmonic {second:+.1%} of the first, "
+            f"third {third:+.1%}",
             cost,
-            "switch gamma off in projector and camera; correct_gamma() undoes it; four steps or more resist it",
+            "switch gamma off in projector and camera, or take four steps; commission, verify, reconstruct undo it",
         )
 
 

@@ -35,19 +35,15 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
             "state the found steps; or set the mirror more finely",
         )
     height, width = evidence.map.phase.shape
-    over_field = steps.gradient_rad_px * [width, height]
-    known = np.abs(steps.gradient_rad_px) > steps.coverage(_CHANCE) * steps.u_gradient_rad_px
-    # A slope among blocks that scatter as much as it rises may as well be the object's doing.
-    scatter = steps.u_rad[:, None] * np.sqrt(steps.n_blocks)
-    known &= np.abs(over_field) / np.sqrt(12) > scatter
-    largest = float(np.abs(np.where(known, over_field, 0.0)).max())
+    change = steps.field_change_rad_px((height, width))
+    largest = float(np.abs(change * [width, height]).max())
     if largest > LEAST_GRADIENT_RAD:
         yield Finding(
             "uneven steps",
             "a step is not the same all over the field: the fringes turned or stretched as they were moved",
             f"{np.rad2deg(largest):.2f} deg from edge to edge",
             largest / 2 / np.sqrt(6),
-            "correct_steps() removes a change that is linear over the field",
+            "set the mirror more finely; commission, verify and reconstruct undo what is linear over the field",
         )
 
 

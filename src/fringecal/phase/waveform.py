@@ -52,10 +52,14 @@ class Waveform:
         """Return the standard uncertainty of `gamma`: 3 u(r) / (1 - r)^2."""
         return float(3 * self.u[0] / (1 - self.ratios[0].real) ** 2)
 
+    @property
+    def significant(self) -> NDArray[np.complex128]:
+        """Return the ratios, 0 where they are not above noise."""
+        return np.where(np.abs(self.ratios) > _SIGNIFICANT * self.u, self.ratios, 0)
+
     def matters(self, steps_rad: ArrayLike | Scheme) -> bool:
         """Tell whether the wave's shape makes a ripple that is both above noise and worth correcting."""
-        known = abs(self.ratios[0]) > _SIGNIFICANT * self.u[0]
-        return bool(known and ripple_rms(phase_error(steps_rad, ratios=self.ratios)) > _SMALL_RIPPLE_RAD)
+        return ripple_rms(phase_error(steps_rad, ratios=self.significant)) > _SMALL_RIPPLE_RAD
 
 
 def estimate_waveform(
@@ -111,7 +115,7 @@ def phase_error(
     *,
     true_steps_rad: ArrayLike | None = None,
     ratios: ArrayLike = (),
-    gains: ArrayLike | float = 1.0,
+    gains: ArrayLike | None = None,
     offsets: ArrayLike | float = 0.0,
 ) -> NDArray[np.float64]:
     """Predict the error of the phase over one fringe from what is wrong with the frames.
@@ -125,7 +129,8 @@ def phase_error(
     ratios
         Harmonics 2, 3, ... as shares of the first.
     gains, offsets
-        Modulation of each frame against the mean, and what is added to it in units of the modulation, (N,).
+        Modulation of each frame against the mean (by default what the scheme knows), and what is added to it
+        beyond that, in units of the modulation, (N,).
 
     Returns
     -------
@@ -145,7 +150,7 @@ def phase_error(
     wave = np.cos(angle)
     for order, share in enumerate(np.asarray(ratios, np.complex128), start=2):
         wave = wave + (share * np.exp(1j * order * angle)).real
-    frames = np.reshape(gains, (-1, 1)) * wave + np.reshape(offsets, (-1, 1))
+    frames = np.reshape(scheme.gains or 1.0 if gains is None else gains, (-1, 1)) * wave + np.reshape(offsets, (-1, 1))
     _, cosine, sine = scheme.weights @ np.broadcast_to(frames, wave.shape)
     return np.angle((cosine + 1j * sine) * np.exp(-1j * phi))
 

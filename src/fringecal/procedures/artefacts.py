@@ -67,7 +67,7 @@ def verify_artefact(
     target = capture.target
     assert target is not None
     progress(f"phase of {capture.name}")
-    phase = phase_of_capture(capture)
+    phase = phase_of_capture(capture, wave=calibration.wave)
     progress(f"heights of {capture.name}")
     heights = height_range_mm(target)
     rays = calibration.camera.pixel_rays()

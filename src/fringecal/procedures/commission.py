@@ -13,6 +13,7 @@ from fringecal.detect.grid import GridDetection
 from fringecal.errors import FitError, SessionError
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.camera import CameraFindings, measure_camera
+from fringecal.procedures.examination import Examination, examine
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.procedures.further import (
     FurtherArtefact,
@@ -57,6 +58,7 @@ class Commissioning:
     camera: CameraFindings
     reference: CapturePhase
     strips_capture: CapturePhase
+    examined: tuple[Examination, ...]
     strips: StripPhase
     orders: dict[float, OrderDecision]
     observations: Observations
@@ -149,7 +151,8 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     plate_phase = _whole_plate(reference)
     progress("phase of the strips")
     capture = strips_captures(session)[0]
-    strips_capture = phase_of_capture(capture)
+    wave = reference.adapted.found_wave
+    strips_capture = phase_of_capture(capture, wave=wave)
     target = strips_target(capture)
     strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
     stated = projector_of(session)
@@ -165,7 +168,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
 
     calibration, fit = solve(observations)
     further: tuple[FurtherArtefact, ...] = ()
-    if phases := phases_of(further_captures(session)):
+    if phases := phases_of(further_captures(session), wave=wave):
         progress("further artefacts")
         basis = observations
         # A second round: what the first could not decide, the rig may predict once it knows more.
@@ -177,6 +180,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
                 break
     progress("projection angle column by column")
     captures = (reference, strips_capture)
+    calibration = replace(calibration, wave=wave)
     found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
     return replace(found, further=further)
 
@@ -256,6 +260,7 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
         camera=camera,
         reference=captures[0],
         strips_capture=captures[1],
+        examined=_examined(captures, calibration),
         strips=strips,
         orders=orders,
         observations=observations,
@@ -269,3 +274,10 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
         columns=both_axes(calibration, breaks, projector=stated)[0],
         plate_phase_rad=plate_phase,
     )
+
+
+def _examined(captures: tuple[CapturePhase, CapturePhase], calibration: RigCalibration) -> tuple[Examination, ...]:
+    """Let the doctor look at plate and strips."""
+    plate, strips = captures
+    same = plate.capture.steps_rad == strips.capture.steps_rad
+    return (examine(plate, calibration), examine(strips, calibration, plate=plate.capture if same else None))

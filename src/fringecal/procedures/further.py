@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError, SessionError
+from fringecal.phase.waveform import Waveform
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.projection.artefacts import ArtefactPhase, observe_artefact, observe_strips
 from fringecal.projection.calibration import Observations, RigCalibration
@@ -71,9 +72,9 @@ def further_captures(session: Session) -> tuple[Capture, ...]:
     return (*strips_captures(session)[1:], *artefacts)
 
 
-def phases_of(captures: Sequence[Capture]) -> tuple[CapturePhase, ...]:
-    """Demodulate every capture."""
-    return tuple(phase_of_capture(capture) for capture in captures)
+def phases_of(captures: Sequence[Capture], *, wave: Waveform | None = None) -> tuple[CapturePhase, ...]:
+    """Demodulate every capture, with the fringes' shape as found on the plate."""
+    return tuple(phase_of_capture(capture, wave=wave) for capture in captures)
 
 
 def observe_further(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fringecal.errors import FitError
+from fringecal.procedures.examination import Examination, examine, plate_beside
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.procedures.verification import demand_same_picture
 from fringecal.projection.calibration import RigCalibration
@@ -19,6 +20,7 @@ class Measurement:
 
     capture: Capture
     phase: CapturePhase
+    examined: Examination
     surface: HeightMap
     model: str
 
@@ -61,12 +63,13 @@ def reconstruct(
     capture = session.one("object") if capture_name is None else session.named(capture_name)
     demand_same_picture(capture, calibration)
     progress(f"phase of {capture.name}")
-    phase = phase_of_capture(capture)
+    phase = phase_of_capture(capture, wave=calibration.wave)
     progress(f"heights of {capture.name}")
     surface = reconstruct_height(phase.map, calibration, model=model, height_range_mm=height_range_mm)
     if not surface.mask.any():
         raise FitError(_nothing_measured(capture.name, height_range_mm))
-    return Measurement(capture, phase, surface, model)
+    examined = examine(phase, calibration, plate=plate_beside(session, capture))
+    return Measurement(capture, phase, examined, surface, model)
 
 
 def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:

@@ -12,8 +12,8 @@ from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.errors import RecordError
 from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning
-from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.lens_recording import lens_record
+from fringecal.procedures.recording_phase import findings_of, steps_record, wave_of, wave_record
 from fringecal.procedures.verification import Verification
 from fringecal.projection.advice import Advice
 from fringecal.projection.calibration import Mode, RigCalibration
@@ -52,7 +52,8 @@ def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> 
         ),
         camera=_camera_record(found.calibration.camera),
         lens=_known_lens_record(found),
-        steps=tuple(_steps_record(c) for c in (found.reference, found.strips_capture)),
+        steps=tuple(steps_record(one) for one in found.examined),
+        wave=wave_record(found.calibration.wave),
         scale=record.ScaleRecord(**scales),
         distortion=_distortion_record(found),
         projection=_projection_record(found),
@@ -63,7 +64,12 @@ def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> 
         },
         checks=commissioning_checks(found),
         targets=_targets_of(found.session),
-        notes=(found.reference.sentence(), found.strips_capture.sentence(), *found.notes),
+        notes=(
+            found.reference.sentence(),
+            found.strips_capture.sentence(),
+            *(sentence for one in found.examined for sentence in one.sentences()),
+            *found.notes,
+        ),
         advice=_advice_record(found.advice),
     )
 
@@ -121,7 +127,7 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
     projector = np.full(3, np.inf) if written.rig.projector_mm is None else np.array(written.rig.projector_mm)
     model = RigModel(np.array(written.rig.parameters), projector, residual)
     modes = tuple(Mode(m.label, np.array(m.effect), np.inf if m.dof is None else m.dof) for m in written.rig.modes)
-    return RigCalibration(camera, model, modes, written.rig.excess_rad)
+    return RigCalibration(camera, model, modes, written.rig.excess_rad, wave_of(written.wave))
 
 
 def verification_record(
@@ -148,7 +154,8 @@ def verification_record(
         ),
         sentence=errors.sentence,
         checks=verification_checks(found),
-        notes=(found.phase.sentence(),),
+        findings=findings_of(found.examined),
+        notes=(found.phase.sentence(), *found.examined.sentences()),
     )
 
 
@@ -200,17 +207,6 @@ def _known_lens_record(found: Commissioning) -> LensRecord | None:
     camera = found.calibration.camera
     known = found.camera.lens
     return None if known is None else lens_record(known, distance_mm=float(camera["height_mm"]))
-
-
-def _steps_record(found: CapturePhase) -> record.StepsRecord:
-    estimate = found.estimated
-    return record.StepsRecord(
-        capture=found.capture.name,
-        stated_rad=tuple(found.capture.steps_rad),
-        estimated_rad=None if estimate is None else tuple(map(float, estimate.steps_rad)),
-        u_rad=None if estimate is None else tuple(map(float, estimate.u_rad)),
-        used="estimated" if found.used == "estimated" else "stated",
-    )
 
 
 def _distortion_record(found: Commissioning) -> record.DistortionRecord:

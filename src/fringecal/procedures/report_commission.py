@@ -9,6 +9,7 @@ from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.report_advice import advice_section
 from fringecal.procedures.report_angle import angle_section, budgets_section
 from fringecal.procedures.report_camera import camera_sections, largest_scale_error_percent
+from fringecal.procedures.report_doctor import doctor_section
 from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
@@ -43,6 +44,7 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
             *camera_sections(found.camera),
             *_lens(found),
             phase_section((found.reference, found.strips_capture)),
+            doctor_section(found.examined),
             strips_section(found, residuals),
             rig_section(found, residuals),
             angle_section(angles_of(found)),

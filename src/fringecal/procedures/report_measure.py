@@ -7,6 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.procedures.measurement import Measurement
+from fringecal.procedures.report_doctor import doctor_section
 from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
 from fringecal.reconstruct.height import HeightMap, Reason
 from fringecal.records.provenance import software_versions
@@ -41,6 +42,7 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
             _uncertainty_section(found),
             _mask_section(found),
             phase_section((found.phase,)),
+            doctor_section((found.examined,)),
         ),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),

@@ -121,7 +121,8 @@ def _steps_table(captures: Sequence[CapturePhase]) -> Table:
                 row |= {
                     "found / deg": math.degrees(float(found.steps_rad[n])),
                     "u / deg": math.degrees(float(found.u_rad[n])),
-                    "gain": float(found.gain_per_frame[n]),
+                    "modulation": float(found.gain_per_frame[n]),
+                    "background": float(found.background_per_frame[n]),
                     "offset / levels": float(found.offset_per_frame[n]),
                 }
             rows.append(row)
@@ -129,8 +130,8 @@ def _steps_table(captures: Sequence[CapturePhase]) -> Table:
     return Table(
         "Phase steps",
         pd.DataFrame(rows),
-        "found from the frames, relative to the first; gain and offset against the mean of the frames",
-        degrees | {"gain": ".4f", "offset / levels": "+z.2f"},
+        "found from the frames, relative to the first; modulation and background as shares of the frames' mean",
+        degrees | {"modulation": ".4f", "background": ".4f", "offset / levels": "+z.2f"},
     )
 
 

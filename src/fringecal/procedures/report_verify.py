@@ -6,6 +6,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
+from fringecal.procedures.report_doctor import doctor_section
 from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
 from fringecal.procedures.verification import Verification
 from fringecal.records.provenance import software_versions
@@ -71,7 +72,7 @@ def verification_report(found: Verification, *, command: str = "", created: date
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
         verdict=verdict_of(found.errors),
         facts=_facts(found),
-        sections=(*sections, _surface_section(found), phase_section((found.phase,))),
+        sections=(*sections, _surface_section(found), phase_section((found.phase,)), doctor_section((found.examined,))),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),
         command=command,

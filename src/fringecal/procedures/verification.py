@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import SessionError
-from fringecal.phase.demodulate import demodulate
-from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.examination import Examination, examine, plate_beside
+from fringecal.procedures.frames import CapturePhase, frames_of, phase_of_capture
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import HEIGHT_MODELS
 from fringecal.reconstruct.height import HeightMap, absolute_phase, height_of_phase
@@ -35,6 +35,7 @@ class Verification:
     capture: Capture
     target: Zigzag
     phase: CapturePhase
+    examined: Examination
     surface: HeightMap
     pose: ZigzagPose
     errors: ZigzagErrors
@@ -75,7 +76,7 @@ def verify(
     if not isinstance(capture.target, Zigzag):
         raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; name the capture of the bars"])
     progress("phase of the bars")
-    phase = phase_of_capture(capture)
+    phase = phase_of_capture(capture, wave=calibration.wave)
     progress("heights of the bars")
     target, rays = capture.target, calibration.camera.pixel_rays()
     full = zigzag_shape(target).height_mm
@@ -94,7 +95,8 @@ def verify(
     if with_filters:
         progress("filters ranked")
         filters = _filter_study(phase, calibration, target, pose, heights)
-    return Verification(capture, target, phase, surface, pose, errors, models, filters)
+    examined = examine(phase, calibration, plate=plate_beside(session, capture))
+    return Verification(capture, target, phase, examined, surface, pose, errors, models, filters)
 
 
 def artefact_capture(session: Session, name: str | None, calibration: RigCalibration) -> Capture:
@@ -154,8 +156,8 @@ def _filter_study(
     rays = calibration.camera.pixel_rays()
     surfaces = {}
     for name in FILTERS:
-        frames = _filtered_frames(phase.capture.read_set(), name)
-        phase_map = demodulate(frames, phase.steps_rad, white_level=phase.capture.white_level)
+        frames = _filtered_frames(frames_of(phase.capture), name)
+        phase_map = phase.adapted.again(frames, white_level=phase.capture.white_level)
         absolute = absolute_phase(phase_map, calibration, rays, height_range_mm=heights)
         surfaces[name] = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
     return filter_study(surfaces, target, pose)

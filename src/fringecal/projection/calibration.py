@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate_fit import CameraFit
+from fringecal.phase.waveform import Waveform
 from fringecal.projection.fit import PhasePoints, RigFit, fit_rig
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel, projector_point
 from fringecal.uncertainty.estimates import Estimate
@@ -35,13 +36,15 @@ class Mode:
 class RigCalibration:
     """Camera, rig model and the modes of their joint uncertainty.
 
-    The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual.
+    The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
+    the shape of the fringes as found on the plate.
     """
 
     camera: PlateCamera
     model: RigModel
     modes: tuple[Mode, ...]
     excess_rad: float = 0.0
+    wave: Waveform | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

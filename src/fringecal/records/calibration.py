@@ -21,6 +21,7 @@ from fringecal.records.parts import (
     VectorU,
     is_covariance,
 )
+from fringecal.records.phases import StepsRecord, WaveRecord
 
 CALIBRATION_FORMAT: Final = "fringecal-calibration/1"
 CALIBRATION_FILE = "calibration.json"
@@ -49,16 +50,6 @@ class CameraRecord(Part):
     def _sizes_agree(self) -> Self:
         _demand_agreement(self.names, self.parameters, self.covariance)
         return self
-
-
-class StepsRecord(Part):
-    """The phase steps of one capture: as stated, as found in its frames, and which were used."""
-
-    capture: str
-    stated_rad: tuple[float, ...]
-    estimated_rad: tuple[float, ...] | None = None
-    u_rad: tuple[Uncertainty, ...] | None = None
-    used: Literal["stated", "estimated"] = "stated"
 
 
 class ScaleRecord(Part):
@@ -217,6 +208,7 @@ class CalibrationRecord(Provenance):
     camera: CameraRecord
     lens: LensRecord | None = Field(default=None, description="the lens as stated or solved before the grid")
     steps: tuple[StepsRecord, ...] = ()
+    wave: WaveRecord | None = Field(default=None, description="shape of the fringes; null where not measured")
     scale: ScaleRecord
     distortion: DistortionRecord
     projection: ProjectionRecord

@@ -7,6 +7,7 @@ from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.parts import BudgetRow, Check, Part, Provenance, Sha256, Uncertainty
+from fringecal.records.phases import FindingRecord
 
 VERIFICATION_FORMAT: Final = "fringecal-verification/1"
 VERIFICATION_FILE = "verification.json"
@@ -99,6 +100,7 @@ class VerificationRecord(Provenance):
     filters: tuple[FilterRow, ...] = ()
     sentence: str = Field(default="", description="what the numbers say, the dominant error first")
     checks: tuple[Check, ...] = ()
+    findings: tuple[FindingRecord, ...] = ()
     notes: tuple[str, ...] = ()
 
 

@@ -85,7 +85,7 @@ def phase_overview(map_: PhaseMap, *, title: str = "") -> Figure:
 
 @styled
 def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
-    """Draw what the doctor looks at: ripple by order, shape of the fringes, each frame, and the mask.
+    """Draw what the doctor looks at: ripple against phase and by order, shape of the fringes, each frame.
 
     Parameters
     ----------
@@ -95,23 +95,41 @@ def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
         Which capture.
     """
     figure = new_figure(10.5, 7.4)
-    (ripple, wave), (frames, reasons) = figure.subplots(2, 2)
+    (error, ripple), (wave, frames) = figure.subplots(2, 2)
+    _error(error, diagnosis)
     _ripple(ripple, diagnosis)
     _wave(wave, diagnosis)
     _frames(frames, diagnosis)
-    handles = _reasons(reasons, diagnosis.map)
-    reasons.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
     names = ", ".join(dict.fromkeys(diagnosis.names())) or "nothing found"
     figure.suptitle(f"{title}: {names}" if title else names)
     return figure
 
 
 _CAUSES = {1: "lamp", 2: "steps"}
+_PHASE_TICKS = ([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
+
+
+def _error(axes: Axes, diagnosis: Diagnosis) -> None:
+    """Draw the error of the phase over one fringe, as the stated model leaves it."""
+    axes.set_title("ripple of the phase over one fringe")
+    if not diagnosis.ripple:
+        _nothing(axes)
+        return
+    phase = np.linspace(-np.pi, np.pi, 361)
+    error = np.sum([(r * np.exp(-1j * k * phase)).real for k, r in diagnosis.ripple.items()], axis=0)
+    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.plot(phase, error, color=BLUE, label=f"rms {error.std():.4f} rad")
+    largest = max(0.02, 1.4 * float(np.abs(error).max()))
+    axes.set_ylim(-largest, largest)
+    axes.set_xticks(*_PHASE_TICKS)
+    axes.set_xlabel("phase / rad")
+    axes.set_ylabel("phase error / rad")
+    axes.legend(loc="upper right")
 
 
 def _ripple(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw the amplitude of each order of ripple, with the family of causes that it points to."""
-    axes.set_title("ripple of the phase against the fringes")
+    axes.set_title("ripple by order")
     if not diagnosis.ripple_rad:
         _nothing(axes)
         return
@@ -139,7 +157,7 @@ def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
         shape = shape + (share * np.exp(1j * order * angle)).real
     axes.plot(angle, np.cos(angle), color=GREY, linestyle="--", label="cosine")
     axes.plot(angle, shape, color=BLUE, label=f"measured (exponent {diagnosis.wave.gamma:.2f})")
-    axes.set_xticks([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
+    axes.set_xticks(*_PHASE_TICKS)
     axes.set_xlabel("phase from the crest / rad")
     axes.set_ylabel("light / modulation")
     axes.legend(loc="lower center")
