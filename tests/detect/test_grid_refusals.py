@@ -48,6 +48,12 @@ def test_chessboard_is_named():
         find_grid(cv2.GaussianBlur(board, (0, 0), 0.8) + np.random.default_rng(4).normal(0, 2, board.shape))
 
 
+def test_fringes_on_an_object_are_no_chessboard():
+    picture = cv2.imread(str(DATA.parent / "fpp_tools_lens" / "lens_orig_000.jpg"), cv2.IMREAD_GRAYSCALE)
+    with pytest.raises(DetectionError, match="stripes or fringes"):
+        find_grid(picture)
+
+
 def test_dots_are_named():
     with pytest.raises(DetectionError, match="dots"):
         find_grid(cv2.imread(str(DATA / "dot_pattern_05_crop.png"), cv2.IMREAD_GRAYSCALE))

@@ -22,6 +22,10 @@ MIN_PATTERN = 25
 MAX_REGROWTHS = 3
 MAX_RELATIVE_WIDTH = 0.55
 MIN_MIDDLE_CONTRAST = 0.6
+# Brightness half-way between extrema, from 0 (as they) to 1 (as the cells' middle): on stripes the extrema are joined
+# one way and apart the other; on a chessboard it is 1/2 both ways; of dots 1, and between dots 0.
+STRIPE_PART = 0.2
+CHESSBOARD_PARTS = (0.25, 0.75)
 # Places on an edge, as parts of its length, that are clear of both crossings.
 THIRDS = ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7))
 
@@ -184,6 +188,9 @@ def _other_pattern(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) 
     node, cell = _brightness(grey, nodes), _brightness(grey, nodes + _half_cell(nodes))
     if sign * (node - cell) <= 0:
         return "a periodic pattern without lines"
-    edge = np.mean([_brightness(grey, nodes + 0.5 * along(nodes, family)) for family in (0, 1)])
-    part = (edge - node) / (cell - node)
-    return "a chessboard (use find_chessboard)" if 0.25 < part < 0.75 else "a pattern of dots (use find_dots)"
+    parts = [(_brightness(grey, nodes + 0.5 * along(nodes, family)) - node) / (cell - node) for family in (0, 1)]
+    if min(parts) < STRIPE_PART and max(parts) > 1 - STRIPE_PART:
+        return "stripes or fringes, lines of one direction only"
+    if all(CHESSBOARD_PARTS[0] < part < CHESSBOARD_PARTS[1] for part in parts):
+        return "a chessboard; several poses of it give the lens (capture kind board, fringecal lens)"
+    return "a pattern of dots; several poses of it give the lens (capture kind board, fringecal lens)"
