@@ -10,7 +10,7 @@ import pytest
 import typer
 
 from fringecal.cli.app import VERBS, build_app
-from fringecal.procedures import checks
+from fringecal.records.limits import CommissionLimits
 
 FOLDER = Path(__file__).parents[2] / "procedures"
 PAGES = sorted(path for path in FOLDER.glob("*.md") if path.name != "README.md")
@@ -71,10 +71,10 @@ def test_the_list_of_pages_is_whole():
 @pytest.mark.parametrize(
     ("check", "limit"),
     [
-        ("plate phase residual", checks.PLATE_RESIDUAL_LIMIT_RAD),
-        ("grid residual", checks.GRID_RESIDUAL_LIMIT_PX),
-        ("standard uncertainty of the projection angle", checks.ANGLE_U_LIMIT_DEG),
-        ("angle against theory", checks.EN_LIMIT),
+        ("plate phase residual", CommissionLimits().plate_residual_rad),
+        ("grid residual", CommissionLimits().grid_residual_px),
+        ("standard uncertainty of the projection angle", CommissionLimits().angle_u_deg),
+        ("angle against theory", CommissionLimits().angle_en),
     ],
 )
 def test_limits_are_those_of_the_code(check, limit):

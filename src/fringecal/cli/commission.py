@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
@@ -27,6 +27,7 @@ def register(app: typer.Typer) -> None:
 def commission(
     session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
     out: Path = typer.Option(..., "--out", help="Folder for the results."),
+    limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, commission, save, print."""
@@ -36,16 +37,18 @@ def commission(
     from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
     from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
     from fringecal.records.files import result_folder
+    from fringecal.records.limits import limits_for
     from fringecal.session import load_session
 
     demand_folder(out)
-    command = command_line("commission", [session, "--out", out])
+    command = command_line("commission", [session, "--out", out, *(("--limits", limits) if limits else ())])
     with progress(quiet=as_json) as show:
+        allowed = limits_for(session, limits)
         loaded = load_session(session)
         found = run(loaded, progress=show)
-        record = calibration_record(found, command=command)
+        record = calibration_record(found, command=command, limits=allowed)
         show("writing the report")
-        report = commission_report(found, command=" ".join(command), created=datetime.now(UTC))
+        report = commission_report(found, command=" ".join(command), created=datetime.now(UTC), limits=allowed)
         with result_folder(out, last=CALIBRATION_FILE) as staging:
             if not found.calibration.camera.telecentric:
                 write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)

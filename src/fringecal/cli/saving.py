@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 REPORT_FILE = "report.html"
 SHEETS_FILE = "report.pdf"
+LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
 
 _VERDICTS = {
     "pass": "PASS",

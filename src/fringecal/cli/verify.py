@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
@@ -33,6 +33,7 @@ def verify(
     out: Path = typer.Option(..., "--out", help="Folder for the results."),
     capture: str = typer.Option("", "--capture", help="Capture of the artefact; the only one of its kind by default."),
     rows: str = typer.Option("", "--rows", help="Rows of the profiles in px, comma-separated."),
+    limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
     filters: bool = typer.Option(True, "--filters/--no-filters", help="Rank median and mean filters."),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
@@ -41,6 +42,7 @@ def verify(
     from fringecal.procedures.verification import artefact_capture
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
+    from fringecal.records.limits import limits_for
     from fringecal.records.verification import VERIFICATION_FILE, write_verification
     from fringecal.session import load_session
     from fringecal.targets.models import Zigzag
@@ -48,12 +50,13 @@ def verify(
     demand_folder(out)
     command = command_line("verify", [session, "--calibration", calibration, "--out", out])
     with progress(quiet=as_json) as show:
+        allowed = limits_for(session, limits)
         rig = calibration_of(read_calibration(calibration))
         loaded = load_session(session)
         chosen = artefact_capture(loaded, capture or None, rig)
         bars = isinstance(chosen.target, Zigzag)
         judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact
-        record, report, table = judge(loaded, chosen, rig, _record_file(calibration), command, show)
+        record, report, table = judge(loaded, chosen, rig, _record_file(calibration), command, show, allowed)
         show("writing the report")
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
@@ -65,27 +68,27 @@ def verify(
     tell_outcome(record.checks, (record.sentence,), out)
 
 
-def _bars(session, capture, rig, file, command, show, *, rows, filters):  # type: ignore[no-untyped-def]
+def _bars(session, capture, rig, file, command, show, limits, *, rows, filters):  # type: ignore[no-untyped-def]
     """Judge angle bars: record, report and the table to print."""
     from fringecal.procedures.recording import verification_record
     from fringecal.procedures.report_verify import verification_report
     from fringecal.procedures.verification import verify as run
 
     found = run(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=show)
-    record = verification_record(found, session, file, command=command)
-    report = verification_report(found, command=" ".join(command), created=datetime.now(UTC))
+    record = verification_record(found, session, file, command=command, limits=limits)
+    report = verification_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
     return record, report, _table(found.errors)
 
 
-def _artefact(session, capture, rig, file, command, show):  # type: ignore[no-untyped-def]
+def _artefact(session, capture, rig, file, command, show, limits):  # type: ignore[no-untyped-def]
     """Judge any other artefact: record, report and the table to print."""
     from fringecal.procedures.artefacts import verify_artefact
     from fringecal.procedures.recording_artefacts import artefact_record
     from fringecal.procedures.report_artefact import artefact_report
 
     found = verify_artefact(capture, rig, progress=show)
-    record = artefact_record(found, session, file, command=command)
-    report = artefact_report(found, command=" ".join(command), created=datetime.now(UTC))
+    record = artefact_record(found, session, file, command=command, limits=limits)
+    report = artefact_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
     return record, report, _readings_table(found)
 
 

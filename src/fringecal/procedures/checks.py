@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fringecal.procedures.further import CONTRADICTS
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check
 from fringecal.uncertainty.conformity import decide
 from fringecal.uncertainty.estimates import Estimate
@@ -14,21 +15,14 @@ if TYPE_CHECKING:
     from fringecal.procedures.commission import Commissioning
     from fringecal.procedures.verification import Verification
 
-# Defaults that a sound rig keeps; a lab's own limits will take their place.
-PLATE_RESIDUAL_LIMIT_RAD = (
-    0.10  # 1.6 % of a fringe: beyond it the plate is no plane or the frames do not belong together
-)
-GRID_RESIDUAL_LIMIT_PX = 0.30
-EN_LIMIT = 1.0
-ANGLE_U_LIMIT_DEG = 0.5  # 1.8 % of a height at 50 deg
 
-
-def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
+def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of a commissioning, with their decisions."""
+    own = limits.commission
     checks = [
-        _below("plate phase residual", found.fit.plate_rms_rad, PLATE_RESIDUAL_LIMIT_RAD, "rad"),
-        _below("grid residual", found.camera.fit.rms_px, GRID_RESIDUAL_LIMIT_PX, "px"),
-        _below("standard uncertainty of the projection angle", found.angle.u, ANGLE_U_LIMIT_DEG, "deg"),
+        _below("plate phase residual", found.fit.plate_rms_rad, own.plate_residual_rad, "rad"),
+        _below("grid residual", found.camera.fit.rms_px, own.grid_residual_px, "px"),
+        _below("standard uncertainty of the projection angle", found.angle.u, own.angle_u_deg, "deg"),
         Check(
             name="largest lens displacement",
             value=found.camera.distortion.max_px.value,
@@ -40,15 +34,16 @@ def commissioning_checks(found: "Commissioning") -> tuple[Check, ...]:
     ]
     stated = found.session.camera.height_mm
     if found.camera.height_seen is not None and stated is not None:
-        checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm")))
+        checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
     if found.angle_en is not None:
         checks.append(
             Check(
                 name="angle against theory",
                 value=found.angle_en,
-                limit=EN_LIMIT,
-                decision="pass" if abs(found.angle_en) <= EN_LIMIT else "fail",
-                rule="|En| <= 1, En = difference over the root sum of squares of both expanded uncertainties (k = 2)",
+                limit=own.angle_en,
+                decision="pass" if abs(found.angle_en) <= own.angle_en else "fail",
+                rule=f"|En| <= {own.angle_en:g}, En = difference over the root sum of squares of both expanded "
+                "uncertainties (k = 2)",
             )
         )
     return (*checks, _heights_check(found))
@@ -77,7 +72,7 @@ def _heights_check(found: "Commissioning") -> Check:
     )
 
 
-def pitch_check(seen: Estimate, stated: Estimate) -> Check:
+def pitch_check(seen: Estimate, stated: Estimate, *, most: float = DEFAULT_LIMITS.commission.height_en) -> Check:
     """Compare the camera's height by lens and grid with the stated one: a wrong pitch moves the first in proportion.
 
     Examples
@@ -90,34 +85,80 @@ def pitch_check(seen: Estimate, stated: Estimate) -> Check:
     return Check(
         name="grid pitch against camera height",
         value=en,
-        limit=EN_LIMIT,
-        decision="pass" if abs(en) <= EN_LIMIT else "fail",
-        rule=f"|En| <= 1; lens and grid put the camera at {seen.value:.1f} mm, stated are {stated.value:.1f} mm: if "
+        limit=most,
+        decision="pass" if abs(en) <= most else "fail",
+        rule=f"|En| <= {most:g}; lens and grid put the camera at {seen.value:.1f} mm, stated are {stated.value:.1f} mm: if "
         f"not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
     )
 
 
-def verification_checks(found: "Verification") -> tuple[Check, ...]:
+def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of a verification: every profile, and all together, against the certificate."""
-    rule = "|En| <= 1, En = mean error over its expanded uncertainty (k = 2), certificate included"
+    most = limits.verify.en
+    rule = f"|En| <= {most:g}, En = mean error over its expanded uncertainty (k = 2), certificate included"
     checks = []
     for profile in (*found.errors.profiles, found.errors.pooled):
         if profile.en is not None:
-            decision = "pass" if abs(profile.en) <= EN_LIMIT else "fail"
+            decision = "pass" if abs(profile.en) <= most else "fail"
             name = f"mean error, {profile.name if profile is found.errors.pooled else 'profile ' + profile.name}"
-            checks.append(Check(name=name, value=profile.en, limit=EN_LIMIT, decision=decision, rule=rule))
+            checks.append(Check(name=name, value=profile.en, limit=most, decision=decision, rule=rule))
+    if limits.verify.mean_error_percent is not None:
+        checks.append(_tolerated_mean(found, limits))
     return tuple(checks)
 
 
-def artefact_checks(readings: Sequence[Reading]) -> tuple[Check, ...]:
+def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
+    """Hold the mean error of all profiles against the laboratory's own tolerance."""
+    pooled, full = found.errors.pooled, found.errors.full_height_mm
+    return judged(
+        "mean error against the tolerance",
+        Estimate(pooled.mean_percent, 100 * pooled.u_mm / full, "%"),
+        limits.verify.mean_error_percent or 0.0,
+        level=limits.level,
+    )
+
+
+def judged(name: str, found: Estimate, limit: float, *, level: float = DEFAULT_LIMITS.level) -> Check:
+    """Judge the size of a signed quantity against a limit, by probability of conformity (JCGM 106:2012, 8.2).
+
+    Parameters
+    ----------
+    name
+        What is judged.
+    found
+        Its value and standard uncertainty.
+    limit
+        Largest size allowed, in the unit of the value.
+    level
+        Probability at which conformity counts as proved.
+
+    Examples
+    --------
+    >>> judged("drift", Estimate(-0.3, 0.01, "mm"), 0.2).decision
+    'fail'
+    """
+    return Check(
+        name=name,
+        value=found.value,
+        limit=limit,
+        u=found.u,
+        expanded=found.expanded().U,
+        unit=found.unit,
+        decision=decide(found.value, found.u, lower=-limit, upper=limit, level=level).outcome,
+        rule=f"within the limit with a probability of {level:.0%} at least (guard band)",
+    )
+
+
+def artefact_checks(readings: Sequence[Reading], limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of an artefact: every certified number, against its certificate."""
-    rule = "|En| <= 1, En = error over the expanded uncertainties (k = 2) of rig and certificate"
+    most = limits.verify.en
+    rule = f"|En| <= {most:g}, En = error over the expanded uncertainties (k = 2) of rig and certificate"
     return tuple(
         Check(
             name=reading.name,
             value=reading.en,
-            limit=EN_LIMIT,
-            decision="pass" if abs(reading.en) <= EN_LIMIT else "fail",
+            limit=most,
+            decision="pass" if abs(reading.en) <= most else "fail",
             rule=rule,
         )
         for reading in readings

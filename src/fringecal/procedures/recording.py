@@ -21,6 +21,7 @@ from fringecal.projection.columns import ColumnAngle
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel
 from fringecal.records import calibration as record
 from fringecal.records.lens import LensRecord
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import BudgetRow, EstimateRecord, InputFile, SessionNote, ValueU, VectorU
 from fringecal.records.provenance import sha256_of, software_versions
 from fringecal.records.verification import (
@@ -37,7 +38,9 @@ from fringecal.verify.errors import ProfileErrors, ZigzagErrors
 Array = NDArray[np.float64]
 
 
-def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> record.CalibrationRecord:
+def calibration_record(
+    found: Commissioning, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
+) -> record.CalibrationRecord:
     """Return the record of a commissioning: every estimate, its budget, and all that applying it needs."""
     scales = {name: EstimateRecord.of(e) for name, e in found.camera.scales.items()}
     return record.CalibrationRecord(
@@ -62,7 +65,7 @@ def calibration_record(found: Commissioning, *, command: Sequence[str] = ()) -> 
             "projection.angle": budget_rows(found.angle_budget),
             "scale.mean": budget_rows(found.camera.scale_budget),
         },
-        checks=commissioning_checks(found),
+        checks=commissioning_checks(found, limits),
         targets=_targets_of(found.session),
         notes=(
             found.reference.sentence(),
@@ -131,7 +134,12 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
 
 
 def verification_record(
-    found: Verification, session: Session, calibration_file: Path, *, command: Sequence[str] = ()
+    found: Verification,
+    session: Session,
+    calibration_file: Path,
+    *,
+    command: Sequence[str] = (),
+    limits: Limits = DEFAULT_LIMITS,
 ) -> VerificationRecord:
     """Return the record of a verification on a zig-zag."""
     errors = found.errors
@@ -153,7 +161,7 @@ def verification_record(
             FilterRow(before=f.before, after=f.after, rank=f.rank, **_pooled(f.errors)) for f in found.filters
         ),
         sentence=errors.sentence,
-        checks=verification_checks(found),
+        checks=verification_checks(found, limits),
         findings=findings_of(found.examined),
         notes=(found.phase.sentence(), *found.examined.sentences()),
     )

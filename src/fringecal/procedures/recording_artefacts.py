@@ -6,6 +6,7 @@ from pathlib import Path
 from fringecal.procedures.artefacts import ArtefactVerification
 from fringecal.procedures.checks import artefact_checks
 from fringecal.procedures.recording import budget_rows, inputs_of, session_note
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import sha256_of, software_versions
 from fringecal.records.verification import CalibrationUsed, ReadingRecord, VerificationRecord
 from fringecal.session import Session
@@ -13,7 +14,12 @@ from fringecal.verify.readings import Reading
 
 
 def artefact_record(
-    found: ArtefactVerification, session: Session, calibration_file: Path, *, command: Sequence[str] = ()
+    found: ArtefactVerification,
+    session: Session,
+    calibration_file: Path,
+    *,
+    command: Sequence[str] = (),
+    limits: Limits = DEFAULT_LIMITS,
 ) -> VerificationRecord:
     """Return the record of a verification on a flat, steps, a wedge, a box, a sphere or a ball bar."""
     return VerificationRecord(
@@ -27,7 +33,7 @@ def artefact_record(
         height_model="projective",
         readings=tuple(_reading_record(reading) for reading in found.readings),
         sentence=found.sentence,
-        checks=artefact_checks(found.readings),
+        checks=artefact_checks(found.readings, limits),
         notes=(found.phase.sentence(), *found.probe.notes),
     )
 

@@ -8,6 +8,7 @@ import pandas as pd
 from fringecal.procedures.artefacts import ArtefactVerification
 from fringecal.procedures.checks import artefact_checks
 from fringecal.procedures.report_parts import budget_table, inputs_of_capture, phase_section, severest, stretch_of
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import error_map, height_map
 from fringecal.report.figures_surface import surface_view
@@ -22,7 +23,13 @@ _NOTE = (
 )
 
 
-def artefact_report(found: ArtefactVerification, *, command: str = "", created: datetime | None = None) -> Report:
+def artefact_report(
+    found: ArtefactVerification,
+    *,
+    command: str = "",
+    created: datetime | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+) -> Report:
     """Return the report of a verification on an artefact.
 
     Parameters
@@ -33,11 +40,13 @@ def artefact_report(found: ArtefactVerification, *, command: str = "", created: 
         Command line that made it.
     created
         Time of writing, with its zone.
+    limits
+        The laboratory's limits.
     """
     return Report(
         title=f"Verification on {found.target.name}",
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
-        verdict=Verdict(severest(artefact_checks(found.readings)), found.sentence),
+        verdict=Verdict(severest(artefact_checks(found.readings, limits)), found.sentence),
         facts=tuple(_fact(reading) for reading in found.readings),
         sections=(_numbers(found), *_budgets(found), _surface(found), phase_section((found.phase,))),
         inputs=inputs_of_capture(found.capture),

@@ -14,13 +14,16 @@ from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
 from fringecal.projection.angle import fringe_pitch_mm
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check
 from fringecal.records.provenance import software_versions
 from fringecal.report.structure import Fact, InputFile, Report, Section, Verdict
 from fringecal.uncertainty.estimates import Estimate
 
 
-def commission_report(found: Commissioning, *, command: str = "", created: datetime | None = None) -> Report:
+def commission_report(
+    found: Commissioning, *, command: str = "", created: datetime | None = None, limits: Limits = DEFAULT_LIMITS
+) -> Report:
     """Return the report of a commissioning.
 
     Parameters
@@ -31,8 +34,10 @@ def commission_report(found: Commissioning, *, command: str = "", created: datet
         Command line that made it.
     created
         Time of writing, with its zone.
+    limits
+        The laboratory's limits.
     """
-    checks = commissioning_checks(found)
+    checks = commissioning_checks(found, limits)
     residuals = residual_maps(found)
     return Report(
         title=f"Commissioning of {found.session.rig}",

@@ -69,10 +69,11 @@ def budget_table(caption: str, contributions: Mapping[str, float], unit: str) ->
 
 def checks_table(checks: Sequence[Check]) -> Table:
     """Tabulate named checks with their limits and decisions."""
-    keys = ("name", "value", "u", "limit", "unit", "decision", "rule")
+    keys = ("name", "value", "u", "expanded", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
-    formats = {"value": ".3g", "u": ".2g", "limit": ".3g"}
-    return Table("What was checked", frame.set_axis(["check", *keys[1:]], axis="columns"), formats=formats)
+    formats = {"value": ".3g", "u": ".2g", "U (95 %)": ".2g", "limit": ".3g"}
+    names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
+    return Table("What was checked", frame.set_axis(names, axis="columns"), formats=formats)
 
 
 def severest(checks: Sequence[Check]) -> Decision:

@@ -1,14 +1,17 @@
 """The report of a verification: error tables and profiles, height models and filters side by side."""
 
 import math
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
 import pandas as pd
 
+from fringecal.procedures.checks import verification_checks
 from fringecal.procedures.report_doctor import doctor_section
-from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
+from fringecal.procedures.report_parts import inputs_of_capture, phase_section, severest, stretch_of
 from fringecal.procedures.verification import Verification
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import error_map, height_map
 from fringecal.report.figures_profiles import profile_plot
@@ -52,7 +55,9 @@ _POOLED_COLUMNS = {
 }
 
 
-def verification_report(found: Verification, *, command: str = "", created: datetime | None = None) -> Report:
+def verification_report(
+    found: Verification, *, command: str = "", created: datetime | None = None, limits: Limits = DEFAULT_LIMITS
+) -> Report:
     """Return the report of a verification on a zig-zag.
 
     Parameters
@@ -63,6 +68,8 @@ def verification_report(found: Verification, *, command: str = "", created: date
         Command line that made it.
     created
         Time of writing, with its zone.
+    limits
+        The laboratory's limits.
     """
     sections = [errors_section(found.errors), _profiles_section(found.errors), _models_section(found)]
     if found.filters:
@@ -70,7 +77,7 @@ def verification_report(found: Verification, *, command: str = "", created: date
     return Report(
         title=f"Verification on {found.target.name}",
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
-        verdict=verdict_of(found.errors),
+        verdict=replace(verdict_of(found.errors), decision=severest(verification_checks(found, limits))),
         facts=_facts(found),
         sections=(*sections, _surface_section(found), phase_section((found.phase,)), doctor_section((found.examined,))),
         inputs=inputs_of_capture(found.capture),

@@ -104,6 +104,7 @@ class Check(Part):
     limit: float | None = None
     decision: Decision
     u: Uncertainty | None = None
+    expanded: Uncertainty | None = Field(default=None, description="expanded uncertainty at 95 %")
     unit: str = ""
     rule: str = ""
 
