@@ -87,8 +87,8 @@ def pitch_check(seen: Estimate, stated: Estimate, *, most: float = DEFAULT_LIMIT
         value=en,
         limit=most,
         decision="pass" if abs(en) <= most else "fail",
-        rule=f"|En| <= {most:g}; lens and grid put the camera at {seen.value:.1f} mm, stated are {stated.value:.1f} mm: if "
-        f"not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
+        rule=f"|En| <= {most:g}; lens and grid put the camera at {seen.value:.1f} mm, stated {stated.value:.1f} mm: "
+        f"if not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
     )
 
 
