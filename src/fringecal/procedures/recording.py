@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.errors import RecordError
+from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning
 from fringecal.procedures.lens_recording import lens_record
@@ -74,6 +75,7 @@ def calibration_record(
             *found.notes,
         ),
         advice=_advice_record(found.advice),
+        appearance=appearance_of(found.reference, found.detection),
     )
 
 

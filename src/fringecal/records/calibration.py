@@ -200,6 +200,20 @@ class AdviceRecord(Part):
     sentences: tuple[str, ...] = ()
 
 
+class AppearanceRecord(Part):
+    """How the pictures looked, for later audits: sharpness of the grid's lines, and the light on the bare plate.
+
+    Medians over the plate; null where the session did not show it.
+    """
+
+    grid_blur_px: float | None = Field(default=None, ge=0, description="standard deviation of the blur of grid lines")
+    modulation_levels: float | None = Field(default=None, gt=0)
+    contrast: float | None = Field(default=None, gt=0, description="modulation over background")
+    noise_levels: float | None = Field(default=None, ge=0, description="of one picture at the median background")
+    harmonic: float | None = Field(default=None, ge=0, description="second harmonic of the fringes over the first")
+    u_harmonic: Uncertainty | None = None
+
+
 class CalibrationRecord(Provenance):
     """The calibration of a rig, as written to ``calibration.json``."""
 
@@ -220,6 +234,7 @@ class CalibrationRecord(Provenance):
     )
     notes: tuple[str, ...] = ()
     advice: AdviceRecord | None = None
+    appearance: AppearanceRecord | None = Field(default=None, description="null in records of older versions")
 
     @model_validator(mode="after")
     def _rig_and_camera_agree(self) -> Self:

@@ -1,0 +1,157 @@
+"""What an audit compares, as one vector: camera on the plate, plate phase, phase step of strips, sharpness."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import legendre
+from numpy.typing import NDArray
+
+from fringecal.camera.plate import PlateCamera
+from fringecal.projection.angle import fringe_pitch_mm
+from fringecal.projection.moves import RigState
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, waves longer than two blocks stay
+_LEAST_SHARE = 0.1  # of a block's pixels; a mean of fewer is noise
+PLATE_DEGREE, STRIPS_DEGREE = 3, 1
+CAMERA_QUANTITIES = ("horizontal scale", "vertical scale", "tilt toward x", "tilt toward y", "distortion")
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Means of a map over blocks of a picture: centres of the pixels used (px), values, and how many pixels."""
+
+    u_px: Array
+    v_px: Array
+    value: Array
+    pixels: NDArray[np.intp]
+    shape: tuple[int, int]
+
+    def design(self, degree: int) -> Array:
+        """Return Legendre terms of total degree `degree` over the picture at the centres, the constant first."""
+        s = 2 * self.u_px / max(self.shape[1] - 1, 1) - 1
+        t = 2 * self.v_px / max(self.shape[0] - 1, 1) - 1
+        vs, vt = legendre.legvander(s, degree), legendre.legvander(t, degree)
+        terms = [(i, n - i) for n in range(degree + 1) for i in range(n + 1)]
+        return np.stack([vs[:, i] * vt[:, j] for i, j in terms], axis=1)
+
+
+def block_means(values: Array, valid: Mask) -> Blocks:
+    """Average a map over blocks of the picture, leaving out those that show next to nothing.
+
+    Parameters
+    ----------
+    values, valid
+        Map and mask, (H, W).
+    """
+    v, u = np.nonzero(valid)
+    across = -(-values.shape[1] // BLOCK_PX)
+    block = (v // BLOCK_PX) * across + u // BLOCK_PX
+    number = np.bincount(block)
+    enough = np.flatnonzero(number >= _LEAST_SHARE * BLOCK_PX**2)
+
+    def mean(of: Array) -> Array:
+        return np.asarray(np.bincount(block, weights=of)[enough] / number[enough])
+
+    height, width = values.shape
+    return Blocks(mean(u.astype(float)), mean(v.astype(float)), mean(values[v, u]), number[enough], (height, width))
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which quantities an audit has, and how a rig predicts them.
+
+    Parameters
+    ----------
+    grid
+        Whether the camera on the plate was measured anew.
+    plate, strips
+        Blocks of the bare plate and of strip tops; None where there are none.
+    strip_height_mm
+        Stated height at each block of strips, (n,).
+    blur_px
+        Blur of the grid's lines at the calibration, None where it is not compared.
+    contrast
+        Whether the contrast of the fringes is compared.
+    """
+
+    grid: bool
+    plate: Blocks | None
+    strips: Blocks | None
+    strip_height_mm: Array
+    blur_px: float | None
+    contrast: bool
+
+    @property
+    def parts(self) -> dict[str, slice]:
+        """Place of each part in the vector."""
+        sizes = {
+            "camera": len(CAMERA_QUANTITIES) if self.grid else 0,
+            "plate": 0 if self.plate is None else self.plate.design(PLATE_DEGREE).shape[1] - 1,
+            "strips": 0 if self.strips is None else self.strips.design(STRIPS_DEGREE).shape[1],
+            "blur": 0 if self.blur_px is None else 1,
+            "contrast": int(self.contrast),
+        }
+        ends = np.cumsum(list(sizes.values()))
+        return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    def predict(self, state: RigState) -> Array:
+        """Return the vector that a rig shows: camera, plate (rad), strips (rad), blur (px), log of the contrast."""
+        parts = [camera_quantities(state.camera)] if self.grid else []
+        if self.plate is not None:
+            parts.append(coefficients(self.plate, plate_phase(state, self.plate), PLATE_DEGREE)[1:])
+        if self.strips is not None:
+            step = strip_step(state, self.strips, self.strip_height_mm)
+            parts.append(coefficients(self.strips, step, STRIPS_DEGREE))
+        if self.blur_px is not None:
+            parts.append(np.array([math.sqrt(max(self.blur_px**2 + state.camera_blur_px2, 0.0))]))
+        if self.contrast:
+            parts.append(np.array([_log_contrast(state)]))
+        return np.concatenate(parts)
+
+
+def coefficients(blocks: Blocks, values: Array, degree: int) -> Array:
+    """Fit the terms of `Blocks.design` to values at the blocks."""
+    return np.asarray(np.linalg.lstsq(blocks.design(degree), values, rcond=None)[0])
+
+
+def plate_phase(state: RigState, blocks: Blocks) -> Array:
+    """Return the phase that a rig shows on its plate at the blocks, rad."""
+    rays = state.camera.rays(blocks.u_px, blocks.v_px)
+    return state.model.phase(rays.ax, rays.ay, 0.0)
+
+
+def strip_step(state: RigState, blocks: Blocks, height_mm: Array) -> Array:
+    """Return the phase of strips over that of the plate behind them at the blocks, rad."""
+    rays = state.camera.rays(blocks.u_px, blocks.v_px)
+    z = state.strip_scale * height_mm
+    return np.asarray(state.model.phase(*rays.at(z), z) - state.model.phase(rays.ax, rays.ay, 0.0))
+
+
+def camera_quantities(camera: PlateCamera) -> Array:
+    """Return log scales, tilts (rad) and what distortion does to the picture's corner (px)."""
+    scales = [math.log(camera.scale(name).value) for name in ("horizontal", "vertical")]
+    return np.array([*scales, camera["tilt_x_rad"], camera["tilt_y_rad"], corner_displacement_px(camera)])
+
+
+def corner_displacement_px(camera: PlateCamera) -> float:
+    """Return by how many px the radial terms push the picture's corner outward, against its own middle third.
+
+    A change of scale is no distortion: what the terms do at a third of the half diagonal is taken off in proportion.
+    """
+    radius = math.hypot(camera.width_px, camera.height_px) / 2 / camera.focal_px
+    k1, k2, k3 = (camera[name] for name in ("k1", "k2", "k3"))
+
+    def push(r2: float) -> float:
+        return r2 * (k1 + r2 * (k2 + r2 * k3))
+
+    return camera.focal_px * radius * (push(radius**2) - push((radius / 3) ** 2))
+
+
+def _log_contrast(state: RigState) -> float:
+    """Return what blur does to the logarithm of the contrast: -2 pi^2 s^2 / p^2 for a Gaussian of sd s at pitch p."""
+    variance = state.camera_blur_px2 * state.camera["scale_mm_per_px"] ** 2 + state.fringe_blur_mm2
+    return -2 * math.pi**2 * variance / float(fringe_pitch_mm(state.model)) ** 2
