@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from fringecal.camera.grid_camera import fit_grid_camera
 from fringecal.camera.plate import CAMERA_NAMES
@@ -182,8 +182,7 @@ def strips_today(
 
 def _inner(found: StripPhase) -> NDArray[np.bool_]:
     """Strip tops without their outermost pixels, which see the plate as well."""
-    tops = (found.pieces > 0).astype(np.uint8)
-    return np.asarray(cv2.erode(tops, np.ones((3, 3), np.uint8)) > 0)
+    return np.asarray(ndimage.binary_erosion(found.pieces > 0, np.ones((3, 3)), border_value=1))
 
 
 def _heights(found: StripPhase, step: Array, inside: NDArray[np.bool_], state: RigState) -> Array:
