@@ -182,7 +182,7 @@ def strips_today(
 
 def _inner(found: StripPhase) -> NDArray[np.bool_]:
     """Strip tops without their outermost pixels, which see the plate as well."""
-    return np.asarray(ndimage.binary_erosion(found.pieces > 0, np.ones((3, 3)), border_value=1))
+    return np.asarray(ndimage.binary_erosion(found.pieces > 0, np.ones((3, 3), np.bool_), border_value=1))
 
 
 def _heights(found: StripPhase, step: Array, inside: NDArray[np.bool_], state: RigState) -> Array:
