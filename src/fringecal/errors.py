@@ -39,3 +39,7 @@ class FitError(FringecalError):
 
 class RecordError(FringecalError):
     """A calibration record or result file that cannot be read, written or applied."""
+
+
+class HistoryError(FringecalError):
+    """A history that cannot be opened, read or added to, or that holds too little for what was asked."""

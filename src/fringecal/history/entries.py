@@ -1,0 +1,175 @@
+"""What a record says in one row of the history, and in one row per quantity."""
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from fringecal.errors import HistoryError
+from fringecal.records.calibration import CALIBRATION_FILE, CALIBRATION_FORMAT, CalibrationRecord
+from fringecal.records.documents import read_document
+from fringecal.records.parts import Check, EstimateRecord, Provenance
+from fringecal.records.verification import VERIFICATION_FILE, VERIFICATION_FORMAT, VerificationRecord
+
+_SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One quantity of a record: value and standard uncertainty in `unit`, beside its reference and limit.
+
+    `dof` is None where u is taken as exactly known; `reference` None where no certificate says the value; `limit`
+    is that of a check, in the same unit.
+    """
+
+    quantity: str
+    value: float
+    unit: str = ""
+    u: float | None = None
+    dof: float | None = None
+    reference: float | None = None
+    u_reference: float | None = None
+    en: float | None = None
+    limit: float | None = None
+    decision: str | None = None
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One record: which rig, what was done, when (ISO 8601, UTC), the verdict, and its quantities.
+
+    `sha256` is the hash of the record's file and tells one record from another; `document` is its whole text, so
+    that the history outlives the folders that it was filled from.
+    """
+
+    rig: str
+    kind: str
+    captured: str
+    created: str
+    sha256: str
+    decision: str
+    readings: tuple[Reading, ...]
+    operator: str | None = None
+    temperature_degC: float | None = None
+    minutes_since_power_on: float | None = None
+    source: str = ""
+    software: str = ""
+    document: str | None = None
+
+
+def read_entry(path: str | Path) -> Entry:
+    """Read a record file, or the folder that holds one, as an entry of the history.
+
+    Raises
+    ------
+    HistoryError
+        The folder holds no record, or the file is of a format that has no place in a history.
+    RecordError
+        The record is damaged or newer than this version.
+    """
+    file = _record_file(Path(path))
+    try:
+        text = file.read_bytes()
+    except OSError as error:
+        raise HistoryError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
+    kind = _KINDS.get(_format_of(text))
+    if kind is None:
+        known = ", ".join(_KINDS)
+        raise HistoryError(f"{file}: not a record that a history takes; needed one of {known}")
+    record = read_document(file, kind.model, _format_of(text), file_name=file.name)
+    return _entry(record, kind, text, str(path))
+
+
+def _record_file(path: Path) -> Path:
+    if not path.is_dir():
+        return path
+    found = [path / kind.file for kind in _KINDS.values() if (path / kind.file).is_file()]
+    if len(found) != 1:
+        names = ", ".join(file.name for file in found) or "none"
+        raise HistoryError(f"{path}: a folder with one record was needed, found {names}; name the file")
+    return found[0]
+
+
+def _format_of(text: bytes) -> str:
+    try:
+        document = json.loads(text)
+    except (ValueError, RecursionError):
+        return ""
+    return str(document.get("format", "")) if isinstance(document, dict) else ""
+
+
+def _entry(record: Any, kind: "_Kind", text: bytes, source: str) -> Entry:
+    session, created = record.session, record.created.isoformat()
+    captured = session.captured.astimezone(record.created.tzinfo).isoformat() if session.captured else created
+    return Entry(
+        rig=session.rig,
+        kind=kind.name,
+        captured=captured,
+        created=created,
+        sha256=hashlib.sha256(text).hexdigest(),
+        decision=max((check.decision for check in record.checks), key=_SEVERITY.index, default="info"),
+        readings=(*kind.readings(record), *_check_readings(record.checks)),
+        operator=session.operator,
+        temperature_degC=session.temperature_degC,
+        minutes_since_power_on=session.minutes_since_power_on,
+        source=source,
+        software=record.software.get("fringecal", ""),
+        document=text.decode("utf-8"),
+    )
+
+
+def _check_readings(checks: tuple[Check, ...]) -> Iterator[Reading]:
+    for check in checks:
+        if check.value is not None:
+            yield Reading(
+                f"check: {check.name}",
+                check.value,
+                check.unit,
+                check.u,
+                limit=check.limit,
+                decision=check.decision,
+            )
+
+
+def _estimate(quantity: str, estimate: EstimateRecord) -> Reading:
+    return Reading(quantity, estimate.value, estimate.unit, estimate.u, estimate.dof)
+
+
+def _of_calibration(record: CalibrationRecord) -> Iterator[Reading]:
+    yield _estimate("scale, mean", record.scale.mean)
+    yield _estimate("scale, horizontal", record.scale.horizontal)
+    yield _estimate("scale, vertical", record.scale.vertical)
+    yield _estimate("projection angle", record.projection.angle)
+    yield Reading("lens displacement, largest", record.distortion.max_px.value, "px", record.distortion.max_px.u)
+    yield Reading("rig residual, rms", record.rig.residual_rms_rad, "rad")
+    yield Reading("plate residual, rms", record.rig.plate_residual_rms_rad, "rad")
+    for forecast in record.advice.forecasts if record.advice else ():
+        yield Reading(f"standard uncertainty of {forecast.height_mm:g} mm", forecast.u_mm, "mm")
+
+
+def _of_verification(record: VerificationRecord) -> Iterator[Reading]:
+    artefact = str(record.target.get("name", record.capture))
+    for profile in record.profiles:
+        name = f"{artefact}: profile {profile.name}, mean error"
+        yield Reading(name, profile.mean_mm, "mm", profile.u_mm, reference=0.0, en=profile.en)
+    for reading in record.readings:
+        reference = (reading.reference, reading.u_reference) if reading.reference is not None else (None, None)
+        unit = "" if reading.unit == "1" else reading.unit
+        values = (reading.measured, unit, reading.u_measured, None, *reference, reading.en)
+        yield Reading(f"{artefact}: {reading.name}", *values)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    name: str
+    file: str
+    model: type[Provenance]
+    readings: Callable[[Any], Iterator[Reading]]
+
+
+_KINDS = {
+    CALIBRATION_FORMAT: _Kind("calibration", CALIBRATION_FILE, CalibrationRecord, _of_calibration),
+    VERIFICATION_FORMAT: _Kind("verification", VERIFICATION_FILE, VerificationRecord, _of_verification),
+}

@@ -1,0 +1,181 @@
+"""The history as one flat table: CSV, which anything reads, and Parquet."""
+
+import hashlib
+import io
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from fringecal.errors import HistoryError
+from fringecal.history.entries import Entry, Reading
+from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
+from fringecal.records.files import replacing, write_table
+
+NEEDED = ("rig", "captured", "quantity", "value")
+_OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)
+COLUMNS = (*_OF_ENTRY, *READING_COLUMNS)
+_NUMBERS = frozenset(
+    ("temperature_degC", "minutes_since_power_on", "value", "u", "dof", "reference", "u_reference", "en", "limit")
+)
+
+
+def flat_table(history: History, rig: str | None = None) -> pd.DataFrame:
+    """Tabulate a history in one row per reading; an entry without readings has one row of its own.
+
+    Parameters
+    ----------
+    history
+        The open history.
+    rig
+        The rig whose rows are wanted; all by default.
+    """
+    entries = history.entries(rig).rename(columns={"decision": "verdict"})
+    readings = history.readings(rig)[["sha256", *READING_COLUMNS]]
+    table = entries.merge(readings, on="sha256", how="left")[list(COLUMNS)]
+    return table.astype({name: (float if name in _NUMBERS else object) for name in COLUMNS})
+
+
+def export_table(history: History, path: str | Path, rig: str | None = None) -> int:
+    """Write a history as ``.csv`` or ``.parquet``, whole or not at all, and return the number of rows.
+
+    The texts of the records are left out: `History.document` gives them.
+
+    Raises
+    ------
+    HistoryError
+        The suffix is neither, or Parquet's library is not installed.
+    """
+    table, file = flat_table(history, rig), Path(path)
+    if file.suffix == ".csv":
+        write_table(file, table)
+    elif file.suffix == ".parquet":
+        parquet = _parquet()
+        with replacing(file) as sibling:
+            parquet.write(str(sibling), table, write_index=False)
+    else:
+        raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
+    return len(table)
+
+
+def import_table(history: History, path: str | Path) -> int:
+    """Add the entries of a table that `export_table` wrote, or of a laboratory's own; return how many were new.
+
+    A table of one's own needs the columns rig, captured, quantity and value; rows that share rig, kind and captured
+    make one entry. Times without a zone are UTC.
+
+    Raises
+    ------
+    HistoryError
+        A column is missing or unknown, or a row makes no sense; nothing was added.
+    """
+    table = _complete(_read(Path(path)), Path(path))
+    return history.append([_entry(group) for _, group in table.groupby("sha256", sort=False)])
+
+
+def _read(file: Path) -> pd.DataFrame:
+    try:
+        content = io.BytesIO(file.read_bytes())
+        if file.suffix == ".parquet":
+            return _parquet().ParquetFile(content).to_pandas()
+        if file.suffix == ".csv":
+            return pd.read_csv(content, dtype=str, keep_default_na=False, na_values=[""])
+    except OSError as error:
+        raise HistoryError(f"{file}: cannot be read ({error.strerror or error})") from error
+    except HistoryError:
+        raise
+    except Exception as error:  # the libraries' own errors have no common parent
+        raise HistoryError(f"{file}: not a table ({' '.join(str(error).split())})") from error
+    raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
+
+
+def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
+    """Check a table and fill in what one made by hand may leave out."""
+    missing = [name for name in NEEDED if name not in table]
+    unknown = [str(name) for name in table if name not in COLUMNS]
+    faults = [f"without {', '.join(missing)}"] if missing else []
+    faults += [f"with unknown {', '.join(unknown)}"] if unknown else []
+    faults += ["without rows"] if table.empty else []
+    if faults:
+        raise HistoryError(f"{file}: a table {'; '.join(faults)}; columns may be {', '.join(COLUMNS)}")
+    table = table.reindex(columns=list(COLUMNS)).astype(object)
+    table = table.where(table.notna(), None)
+    for name in COLUMNS:
+        cells = [_cell(value, name, f"{file}, row {row}") for row, value in enumerate(table[name], start=2)]
+        table[name] = pd.Series(cells, index=table.index, dtype=object)  # else None turns into NaN
+    table["kind"] = table["kind"].map(lambda kind: kind or "imported")
+    made_by_hand = table["sha256"].isna()
+    for _, group in table[made_by_hand].groupby(["rig", "kind", "captured"], sort=False):
+        table.loc[group.index, "sha256"] = _hash(group)
+    return table
+
+
+def _hash(group: pd.DataFrame) -> str:
+    """Give an entry of a table made by hand a hash, so that importing it twice adds nothing."""
+    content = group[["rig", "kind", "captured", "quantity", "value", "unit"]].to_csv(index=False)
+    return hashlib.sha256(content.encode()).hexdigest()
+
+
+def _cell(value: Any, name: str, place: str) -> Any:
+    """Turn one cell into what its column holds; None where it is empty."""
+    if value is None or value == "":
+        if name in ("rig", "captured"):
+            raise HistoryError(f"{place}: {name} is empty")
+        return None
+    try:
+        return _parsed(value, name)
+    except ValueError:
+        needed = "a finite number" if name in _NUMBERS else "a time such as 2026-11-22T10:00:00Z"
+        raise HistoryError(f"{place}: {name} is {value!r}; {needed} was needed") from None
+
+
+def _parsed(value: Any, name: str) -> str | float:
+    if name in ("captured", "created"):
+        time = datetime.fromisoformat(str(value))
+        return (time if time.tzinfo else time.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
+    if name in _NUMBERS:
+        number = float(value)
+        if not np.isfinite(number):
+            raise ValueError(f"{number} is not finite")
+        return number
+    return str(value)
+
+
+def _entry(group: pd.DataFrame) -> Entry:
+    first = group.iloc[0]
+    return Entry(
+        rig=first["rig"],
+        kind=first["kind"],
+        captured=first["captured"],
+        created=first["created"] or first["captured"],
+        sha256=first["sha256"],
+        decision=first["verdict"] or "info",
+        readings=tuple(_readings(group)),
+        operator=first["operator"],
+        temperature_degC=first["temperature_degC"],
+        minutes_since_power_on=first["minutes_since_power_on"],
+        source=first["source"] or "",
+        software=first["software"] or "",
+    )
+
+
+def _readings(group: pd.DataFrame) -> Iterator[Reading]:
+    for row in group[list(READING_COLUMNS)].to_dict("records"):
+        if row["quantity"] is None:
+            continue
+        if row["value"] is None:
+            raise HistoryError(
+                f"{row['quantity']} of {group.iloc[0]['captured']} has no value; give one or drop the row"
+            )
+        yield Reading(**{str(name): value for name, value in row.items()} | {"unit": row["unit"] or ""})
+
+
+def _parquet() -> Any:
+    try:
+        import fastparquet
+    except ImportError as error:
+        raise HistoryError("Parquet needs the package fastparquet: install the extra `parquet`, or use .csv") from error
+    return fastparquet

@@ -1,0 +1,213 @@
+"""The history as a database: SQLite in one file, or PostgreSQL by URL; rows are added, never changed."""
+
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self
+
+import pandas as pd
+import sqlalchemy as sa
+from sqlalchemy import Connection, Engine
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from fringecal.errors import HistoryError
+from fringecal.history.entries import Entry
+from fringecal.history.tables import ENTRIES, READINGS, STEPS, demand_known, migrate, schema_version
+
+WAIT_S = 60.0  # how long a writer waits for the others
+_INSERT: Mapping[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
+ENTRY_COLUMNS = tuple(str(column.name) for column in ENTRIES.columns if column.name not in ("id", "document"))
+READING_COLUMNS = tuple(str(column.name) for column in READINGS.columns if column.name not in ("id", "entry_id"))
+
+
+class History:
+    """An open history; use it in a `with` block, or close it.
+
+    Every call of `append` is one transaction: after a crash each of its entries is there with all its readings, or
+    none is.
+    """
+
+    def __init__(self, engine: Engine, name: str) -> None:
+        self._engine = engine
+        self.name = name
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the database."""
+        self._engine.dispose()
+
+    def append(self, entries: Sequence[Entry]) -> int:
+        """Add entries and return how many were new; a record that is there already is left as it is.
+
+        Raises
+        ------
+        HistoryError
+            The database refuses; nothing was added.
+        """
+        with self._guarded(), writing(self._engine) as connection:
+            return sum(_append(connection, entry) for entry in entries)
+
+    def entries(self, rig: str | None = None) -> pd.DataFrame:
+        """Tabulate the entries in the order of capture, of one rig or of all."""
+        columns = [ENTRIES.c[name] for name in ENTRY_COLUMNS]
+        return self._frame(sa.select(*columns), rig)
+
+    def readings(self, rig: str | None = None, quantity: str | None = None) -> pd.DataFrame:
+        """Tabulate the readings, each with the columns of its entry, in the order of capture."""
+        ours = [ENTRIES.c[name] for name in ENTRY_COLUMNS if name != "decision"]
+        theirs = [READINGS.c[name] for name in READING_COLUMNS]
+        query = sa.select(*ours, ENTRIES.c.decision.label("verdict"), *theirs).join_from(READINGS, ENTRIES)
+        return self._frame(query if quantity is None else query.where(READINGS.c.quantity == quantity), rig)
+
+    def document(self, sha256: str) -> str | None:
+        """Return the whole text of a record by its hash; None if only its numbers were imported."""
+        query = sa.select(ENTRIES.c.document).where(ENTRIES.c.sha256 == sha256)
+        with self._guarded(), self._engine.connect() as connection:
+            return connection.execute(query).scalar()
+
+    def rigs(self) -> tuple[str, ...]:
+        """Name the rigs, in alphabetical order."""
+        with self._guarded(), self._engine.connect() as connection:
+            return tuple(connection.execute(sa.select(ENTRIES.c.rig).distinct().order_by(ENTRIES.c.rig)).scalars())
+
+    def _frame(self, query: sa.Select[Any], rig: str | None) -> pd.DataFrame:
+        query = query if rig is None else query.where(ENTRIES.c.rig == rig)
+        order = [ENTRIES.c.captured, ENTRIES.c.id]
+        with self._guarded(), self._engine.connect() as connection:
+            rows = connection.execute(query.order_by(*order)).fetchall()
+        return pd.DataFrame(rows, columns=[str(column.name) for column in query.selected_columns])
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        try:
+            yield
+        except SQLAlchemyError as error:
+            raise HistoryError(f"{self.name}: {_reason(error)}") from error
+
+
+def _append(connection: Connection, entry: Entry) -> int:
+    insert = _INSERT[connection.dialect.name]
+    row = asdict(entry)
+    readings = row.pop("readings")
+    row["appended"] = datetime.now(UTC).isoformat(timespec="milliseconds")
+    statement = insert(ENTRIES).values(row).on_conflict_do_nothing(index_elements=["sha256"]).returning(ENTRIES.c.id)
+    key = connection.execute(statement).scalar()
+    if key is None:
+        return 0
+    if readings:
+        connection.execute(sa.insert(READINGS), [{"entry_id": key, **reading} for reading in readings])
+    return 1
+
+
+def open_history(where: str | Path, *, create: bool = True) -> History:
+    """Open a history, bringing an older one up to date.
+
+    Parameters
+    ----------
+    where
+        Path of an SQLite file, or a URL such as ``postgresql://user@host/name``.
+    create
+        Whether a missing file is made; a URL always names a database that exists.
+
+    Raises
+    ------
+    HistoryError
+        There is no such history, it cannot be reached, it is newer than this version, or no history at all.
+    """
+    url, name = _locate(where, create)
+    try:
+        engine = _sqlite(url) if url.get_backend_name() == "sqlite" else sa.create_engine(url, pool_pre_ping=True)
+        _bring_up_to_date(engine)
+    except (SQLAlchemyError, ImportError) as error:
+        raise HistoryError(f"{name}: {_reason(error)}") from error
+    except HistoryError as error:
+        raise HistoryError(f"{name}: {error}") from None
+    return History(engine, name)
+
+
+def _bring_up_to_date(engine: Engine) -> None:
+    try:
+        with engine.connect() as connection:
+            found = schema_version(connection)
+            demand_known(found)
+        if found < len(STEPS):
+            with writing(engine) as connection:
+                migrate(connection)
+    except BaseException:
+        engine.dispose()
+        raise
+
+
+@contextlib.contextmanager
+def writing(engine: Engine) -> Iterator[Connection]:
+    """Lend a connection whose transaction holds the right to write from its first statement."""
+    with engine.connect().execution_options(fringecal_writes=True) as connection, connection.begin():
+        yield connection
+
+
+def _locate(where: str | Path, create: bool) -> tuple[URL, str]:
+    """Turn a path or a URL into a URL, and a name that may be printed."""
+    if "://" in str(where):
+        try:
+            url = make_url(str(where))
+        except SQLAlchemyError as error:
+            raise HistoryError(f"{where!r} is no database URL; write postgresql://user@host/name") from error
+        if url.get_backend_name() == "postgresql":
+            url = url.set(drivername="postgresql+pg8000") if url.drivername == "postgresql" else url
+            return url, url.render_as_string(hide_password=True)
+        if url.get_backend_name() != "sqlite" or not url.database:
+            raise HistoryError(f"{url.drivername}: a history is a file (SQLite) or postgresql://user@host/name")
+        where = url.database
+    path = Path(where)
+    if path.is_dir() or not path.absolute().parent.is_dir():
+        raise HistoryError(f"{path}: a file in an existing folder was needed; name one, for example history.db")
+    if not create and not path.exists():
+        raise HistoryError(f"{path}: there is no history; `fringecal history add` makes one")
+    return URL.create("sqlite", database=str(path)), str(path)
+
+
+def _sqlite(url: URL) -> Engine:
+    """Open an SQLite file so that writers queue up and a killed process leaves whole transactions only."""
+    engine = sa.create_engine(url, connect_args={"timeout": WAIT_S})
+
+    @sa.event.listens_for(engine, "connect")
+    def prepare(driver: Any, _: object) -> None:
+        driver.isolation_level = None  # transactions are begun below, not by the driver's guess
+        try:
+            for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+                driver.execute(f"PRAGMA {pragma}").close()
+        except Exception:
+            driver.close()  # nobody else will: the pool never gets it
+            raise
+
+    @sa.event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        options: Mapping[str, Any] = connection.get_execution_options()
+        # A reader that turns into a writer cannot wait for another writer; so writers say so at once.
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("fringecal_writes") else "BEGIN")
+
+    return engine
+
+
+def _reason(error: Exception) -> str:
+    if isinstance(error, ImportError):
+        return f"no driver for this database ({error}); install the extra `postgresql`"
+    cause = getattr(error, "orig", None) or error
+    text = " ".join(str(cause).split())
+    hints = {
+        "file is not a database": "this is no SQLite file; name another",
+        "locked": f"another program holds it for more than {WAIT_S:g} s; try again",
+        "readonly": "nothing may be written there; name another place",
+        "append-only": "rows of a history are never changed or removed",
+    }
+    hint = next((advice for part, advice in hints.items() if part in text), "")
+    return f"{text}; {hint}" if hint else text
