@@ -86,7 +86,7 @@ def axis_angles(
     axis
         "u" for columns, "v" for rows.
     by_fringe
-        True where breaks of one fringe err alike on all strips (whole rows read).
+        True where breaks of one fringe err alike on all strips (thinned lines).
     projector
         The stated position, for theory.
     """

@@ -1,7 +1,8 @@
 """From one grey picture of strips to a fitted rig and its breaks: the ridge and the skeleton estimators."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -11,7 +12,7 @@ from fringecal.camera.plate_fit import CameraFit
 from fringecal.detect.ridge import Centres, ridge_centres
 from fringecal.detect.skeleton import skeleton_centres
 from fringecal.errors import FitError
-from fringecal.projection.angle import projection_tangent
+from fringecal.projection.angle import projection_angle, projection_tangent
 from fringecal.projection.breaks import (
     Breaks,
     FringePoints,
@@ -20,7 +21,7 @@ from fringecal.projection.breaks import (
     gather_centres,
     zones_of,
 )
-from fringecal.projection.calibration import HeightDoubt, Observations, RigCalibration, calibrate_rig
+from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
 from fringecal.projection.fit import RigFit
 from fringecal.projection.picture_strips import PictureStrips, strips_in_picture
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
@@ -32,9 +33,11 @@ PictureEstimator = Literal["ridge", "skeleton"]
 
 _RIDGE_INDEPENDENT_PX = 3.5  # 2 sqrt(pi) of the smoothing along the fringe
 _SKELETON_MIDDLE = 0.3  # nearer to an edge a thinned line bends toward its neighbour on the other level
-_READING_PX = 0.06  # found on random drawn rigs: what thinning shifts all breaks by, beside their scatter
 _LEAST_WIDTH = 0.9  # periods: a strip or gap narrower than this is a blob, whose thinned line is upright
 _LEAST_BREAKS = 12
+_ASTRAY_DEG = 1.0  # the coarse phase is blurred by its window; on random rigs its angle is right within 0.2 deg
+_BLOCK_PX = 8  # columns that are nearer count as one
+_LEAST_DEGREE = 2  # a plane is part of the rig's own seven numbers
 _DEGREE = 3  # of the plate's smooth residual: whole fringes carry less than pixels do
 
 
@@ -101,15 +104,34 @@ def picture_breaks(
             "finer fringes, more strips in the picture, or the phase estimator are needed"
         )
     observations = _observations(points, found, ordered, by_fringe=estimator == "skeleton")
-    if estimator == "skeleton":
-        observations = _with_reading(observations, float(np.median(np.abs(in_pixels.v_px - in_pixels.base_px))))
     progress("fitting the rig")
-    calibration, fit = calibrate_rig(observations, camera, residual_degree=_DEGREE, projector_near=projector_mm)
+    calibration, fit = calibrate_rig(observations, camera, residual_degree=_degree(points), projector_near=projector_mm)
+    _demand_agreement(calibration, ordered)
     heights = np.array([e.value for e in found.strips.heights_mm])[np.array(ordered.items)[in_pixels.strip - 1]]
     along = found.carrier.along
     breaks = breaks_on_plate(in_pixels, calibration.model, calibration.camera, heights, along=along)
     breaks = breaks.without_outliers(projection_tangent(calibration.model, breaks.x_mm, breaks.y_mm))
     return PictureBreaks(found, ordered, points, breaks, observations, calibration, fit)
+
+
+def _degree(points: FringePoints) -> int:
+    """Degree of the plate's smooth residual that so many zones and fringes of the plate can tell; 0 leaves it out."""
+    plate = points.take(points.zone <= 0)
+    columns = np.unique(np.rint(plate.u_px / _BLOCK_PX)).size
+    degree = min(_DEGREE, columns - 2, np.unique(plate.fringe).size // 2 - 2)
+    return degree if degree >= _LEAST_DEGREE else 0
+
+
+def _demand_agreement(calibration: RigCalibration, ordered: OrderedStrips) -> None:
+    """Refuse a rig whose angle is not the one that the coarse phase of all pixels has shown with the same order."""
+    coarse = abs(ordered.decision.chosen.angle_deg)
+    fitted = math.degrees(float(projection_angle(calibration.model, 0.0, 0.0)))
+    if abs(fitted - coarse) > _ASTRAY_DEG:
+        raise FitError(
+            f"the breaks ask for an angle of {fitted:.1f} deg, the phase between them for {coarse:.1f} deg: there are "
+            "too few fringes or strips in the picture to fit a rig. Use finer fringes, more strips, or phase-shifted "
+            "pictures."
+        )
 
 
 def _demand_width(found: PictureStrips) -> None:
@@ -123,15 +145,6 @@ def _demand_width(found: PictureStrips) -> None:
             f"strips or gaps of {narrowest:.0f} px are too narrow for fringes of {period:.0f} px to be thinned: at "
             f"least {_LEAST_WIDTH:g} of a period is needed; use the ridge or phase estimator, or finer fringes"
         )
-
-
-def _with_reading(observations: Observations, shift_px: float) -> Observations:
-    """Add what thinned lines err alike on all strips: a common shift, the same to the rig as a height in proportion."""
-    doubts = tuple(
-        (HeightDoubt("reading of thinned lines", height.value * _READING_PX / shift_px),) if height.value > 0 else ()
-        for height in observations.height_mm
-    )
-    return replace(observations, doubts=doubts)
 
 
 def _points(grey: NDArray, found: PictureStrips, ordered: OrderedStrips, estimator: PictureEstimator) -> FringePoints:
@@ -153,7 +166,7 @@ def _observations(
 ) -> Observations:
     """Gather plate and strips for the fit, one surface for each height.
 
-    Every fringe of a zone errs by itself; where whole rows are read (`by_fringe`) it errs alike in all zones.
+    Every fringe of a zone errs by itself; where a threshold is read (`by_fringe`) it errs alike in all zones.
     """
     cluster = np.rint(2 * points.fringe).astype(np.intp) if by_fringe else np.arange(points.zone.size)
     u, v = (points.u_px, points.v_px) if found.carrier.along == "rows" else (points.v_px, points.u_px)
