@@ -45,5 +45,4 @@ def _figure(one: Examination) -> FigureItem:
         doctor_overview(one.diagnosis, title=name),
         f"{name}: {found}. Error of the phase over one fringe with the stated steps, the same by order, the shape of "
         "the fringes against a cosine, and how each frame differs from the stated one.",
-        "png",
     )
