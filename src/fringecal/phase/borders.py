@@ -4,11 +4,8 @@ Two surfaces that touch, at a fold, meet in one phase, however steep they are. O
 anything, and by whole fringes only by chance, which no single picture can tell from touching.
 """
 
-from collections import Counter, defaultdict
-from dataclasses import dataclass
-
 import numpy as np
-from numba import njit
+from numba import njit, prange
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -65,63 +62,100 @@ def _steps_over(values, labels, rows, columns):  # type: ignore[no-untyped-def]
     return steps, tolerances
 
 
-@dataclass(frozen=True)
-class _Border:
-    """Border of two touching regions a < b: the order that b lacks, and the pixel pairs for and against it."""
-
-    a: int
-    b: int
-    order: int
-    agreeing: int
-    others: int
-
-    @property
-    def trusted(self) -> bool:
-        """Tell whether the border is a fold, or almost all of it is."""
-        return self.agreeing >= max(_LEAST_BORDER, _LEAST_LEAD * self.others)
+@njit(parallel=True, cache=True)
+def _places(labels, along):  # type: ignore[no-untyped-def]
+    """Find where two regions touch: pixels whose neighbour below, or along the row, has another label."""
+    dv, du = (0, 1) if along else (1, 0)
+    height, width = labels.shape[0] - dv, labels.shape[1] - du
+    ends = np.zeros(height + 1, np.int64)
+    for v in prange(height):
+        for u in range(width):
+            one, two = labels[v, u], labels[v + dv, u + du]
+            ends[v + 1] += one != two and one > 0 and two > 0
+    ends = np.cumsum(ends)
+    rows, columns = np.empty(ends[-1], np.int64), np.empty(ends[-1], np.int64)
+    for v in prange(height):
+        at = ends[v]
+        if ends[v + 1] > at:
+            for u in range(width):
+                one, two = labels[v, u], labels[v + dv, u + du]
+                if one != two and one > 0 and two > 0:
+                    rows[at], columns[at] = v, u
+                    at += 1
+    return rows, columns
 
 
 def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
     """List the pixel pairs over all borders: regions a < b, cell of the picture, order lacking, meeting or not."""
     found = []
-    v, u = np.indices(labels.shape)
-    cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
-    for axis in (0, 1):
-        one, phases, cell = (np.moveaxis(m, axis, 0) for m in (labels, values, cells))
-        first, second = one[:-1], one[1:]
-        at = (first != second) & (first > 0) & (second > 0)
-        rows, columns = np.nonzero(at)
-        step, tolerance = _steps_over(phases, one, rows, columns)
-        jump = np.where(first > second, -1, 1)[at] * step
+    for along in (False, True):
+        v, u = _places(labels, along)
+        first, second = labels[v, u], labels[v + (not along), u + along]
+        # The other axis is the first one of the transposed picture.
+        step, tolerance = _steps_over(values.T, labels.T, u, v) if along else _steps_over(values, labels, v, u)
+        jump = np.where(first > second, -1, 1) * step
         order = np.floor(jump / _TWO_PI + 0.5)
         meets = np.abs(jump - _TWO_PI * order) < tolerance
-        low, high = np.minimum(first, second)[at], np.maximum(first, second)[at]
-        found.append(np.column_stack([low, high, cell[:-1][at], order, meets]))
+        cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
+        found.append(np.column_stack([np.minimum(first, second), np.maximum(first, second), cells, order, meets]))
     return np.concatenate(found).astype(np.int64)
 
 
-def _borders(values: Array, labels: NDArray[np.int32]) -> list[_Border]:
-    """Judge every border cell by cell: a cell votes if nearly all of its pixel pairs are of one mind.
+def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number the different rows of integer columns: where each stands first, and the number of every row."""
+    number = np.zeros(columns[0].size, np.int64)
+    first = np.zeros(0, np.int64)
+    for column in columns:
+        low = column.min(initial=0)
+        key = number * (column.max(initial=0) - low + 1) + column - low
+        _, first, number = np.unique(key, return_index=True, return_inverse=True)
+    return first, number
 
-    Along a true edge the sides differ by any amount, and where they happen to meet that is so over a short stretch
-    only; along a fold they meet throughout.
+
+def _trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Judge every border cell by cell; rows of a, b and the order that b lacks, the longest border first.
+
+    A cell votes if nearly all of its pixel pairs are of one mind. Along a true edge the sides differ by any amount,
+    and where they happen to meet that is so over a short stretch only; along a fold they meet throughout.
     """
-    pairs = _pairs(values, labels)
-    cells, inverse = np.unique(pairs[:, :3], axis=0, return_inverse=True)
-    total = np.bincount(inverse.ravel(), minlength=len(cells))
-    votes, at = np.unique(pairs[:, :4], axis=0, return_inverse=True)
-    number = np.bincount(at.ravel(), minlength=len(votes))
-    meeting = np.bincount(at.ravel(), weights=pairs[:, 4], minlength=len(votes))
-    agreeing: dict[tuple[int, int], Counter[int]] = defaultdict(Counter)
-    sizes: Counter[tuple[int, int]] = Counter()
-    of_cell = {tuple(c): int(n) for c, n in zip(cells.tolist(), total, strict=True)}
-    for (a, b, _), n in of_cell.items():
-        sizes[a, b] += n
-    for (a, b, cell, order), n, few in zip(votes.tolist(), number.tolist(), meeting.tolist(), strict=True):
-        if n >= _OF_ONE_MIND * of_cell[a, b, cell] and few >= 0.5 * n:
-            agreeing[a, b][order] += n
-    best = ((pair, *max(found.items(), key=lambda f: (f[1], -abs(f[0])))) for pair, found in agreeing.items())
-    return [_Border(a, b, order, n, sizes[a, b] - n) for (a, b), order, n in best]
+    a, b, cell, order, meets = _pairs(values, labels).T
+    border_first, border = _numbers(a, b)
+    cell_first, of_cell = _numbers(border, cell)
+    vote_first, of_vote = _numbers(of_cell, order)
+    number = np.bincount(of_vote, minlength=vote_first.size)
+    meeting = np.bincount(of_vote, weights=meets, minlength=vote_first.size)
+    of_one_mind = (number >= _OF_ONE_MIND * np.bincount(of_cell)[of_cell[vote_first]]) & (meeting >= 0.5 * number)
+    voting = vote_first[of_one_mind]
+    best_first, candidate = _numbers(border[voting], order[voting])
+    agreeing = np.bincount(candidate, weights=number[of_one_mind], minlength=best_first.size).astype(np.int64)
+    chosen = voting[best_first]
+    # The order with most pairs, of equals the smallest, comes first for its border.
+    ranked = np.lexsort((np.abs(order[chosen]), -agreeing, border[chosen]))
+    leading = ranked[np.unique(border[chosen][ranked], return_index=True)[1]]
+    chosen, agreeing = chosen[leading], agreeing[leading]
+    others = np.bincount(border, minlength=border_first.size)[border[chosen]] - agreeing
+    trusted = agreeing >= np.maximum(_LEAST_BORDER, _LEAST_LEAD * others)
+    found = np.column_stack([a, b, order])[chosen[trusted]]
+    return found[np.lexsort((found[:, 1], found[:, 0], (others - agreeing)[trusted]))]
+
+
+@njit(cache=True)
+def _join(borders, orders, groups):  # type: ignore[no-untyped-def]
+    """Join groups over borders in their order: the group of b takes the number of a's, and its fringes."""
+    following = np.full(groups.size, -1)  # the next member of a group, from its number on
+    last = groups.copy()
+    for k in range(borders.shape[0]):
+        a, b, order = borders[k]
+        into, from_ = groups[a], groups[b]
+        if into != from_:
+            change = order + orders[a] - orders[b]
+            following[last[into]] = from_
+            last[into] = last[from_]
+            member = from_
+            while member >= 0:
+                orders[member] += change
+                groups[member] = into
+                member = following[member]
 
 
 def join_regions(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -140,12 +174,7 @@ def join_regions(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.i
         For every label the fringes to be added, and the number of the group that it hangs together with.
     """
     number = int(labels.max())
-    offsets = np.zeros(number + 1, dtype=np.int64)
+    orders = np.zeros(number + 1, dtype=np.int64)
     groups = np.arange(number + 1, dtype=np.int32)
-    trusted = [border for border in _borders(values, labels) if border.trusted]
-    for border in sorted(trusted, key=lambda x: (x.others - x.agreeing, x.a, x.b)):
-        if groups[border.a] != groups[border.b]:
-            inside = groups == groups[border.b]
-            offsets[inside] += border.order + offsets[border.a] - offsets[border.b]
-            groups[inside] = groups[border.a]
-    return offsets, groups
+    _join(_trusted_borders(values, labels), orders, groups)
+    return orders, groups
