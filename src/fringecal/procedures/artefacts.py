@@ -70,9 +70,8 @@ def verify_artefact(
     phase = phase_of_capture(capture, wave=calibration.wave)
     progress(f"heights of {capture.name}")
     heights = height_range_mm(target)
-    rays = calibration.camera.pixel_rays()
-    absolute = absolute_phase(phase.map, calibration, rays, height_range_mm=heights, levels=levels_of(target))
-    surface = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
+    absolute = absolute_phase(phase.map, calibration, height_range_mm=heights, levels=levels_of(target))
+    surface = height_of_phase(absolute, calibration, height_range_mm=heights)
     progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
     found = probe(target, surface)
     readings = take_readings(found, surface, lambda u, v, z: points_by_cause(calibration, u, v, z))

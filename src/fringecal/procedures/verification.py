@@ -78,18 +78,18 @@ def verify(
     progress("phase of the bars")
     phase = phase_of_capture(capture, wave=calibration.wave)
     progress("heights of the bars")
-    target, rays = capture.target, calibration.camera.pixel_rays()
+    target = capture.target
     full = zigzag_shape(target).height_mm
     heights = (-_HEADROOM * full, (1 + _HEADROOM) * full)
-    absolute = absolute_phase(phase.map, calibration, rays, height_range_mm=heights)
-    surface = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
+    absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
+    surface = height_of_phase(absolute, calibration, height_range_mm=heights)
     progress("registering the zig-zag")
     pose = register_zigzag(surface, target)
     errors = zigzag_errors(surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities)
     progress("height models side by side")
     models = {"projective": errors}
     for name in HEIGHT_MODELS[:-1]:
-        other = height_of_phase(absolute, calibration, rays, model=name)
+        other = height_of_phase(absolute, calibration, model=name)
         models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
     filters: tuple[FilterResult, ...] = ()
     if with_filters:
@@ -153,13 +153,12 @@ def _filter_study(
     heights: tuple[float, float],
 ) -> tuple[FilterResult, ...]:
     """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
-    rays = calibration.camera.pixel_rays()
     surfaces = {}
     for name in FILTERS:
         frames = _filtered_frames(frames_of(phase.capture), name)
         phase_map = phase.adapted.again(frames, white_level=phase.capture.white_level)
-        absolute = absolute_phase(phase_map, calibration, rays, height_range_mm=heights)
-        surfaces[name] = height_of_phase(absolute, calibration, rays, height_range_mm=heights)
+        absolute = absolute_phase(phase_map, calibration, height_range_mm=heights)
+        surfaces[name] = height_of_phase(absolute, calibration, height_range_mm=heights)
     return filter_study(surfaces, target, pose)
 
 

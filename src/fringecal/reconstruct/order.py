@@ -1,18 +1,22 @@
 """Fringe order of an object's phase: each connected piece is decided by evidence, or left undecided."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+_TWO_PI = 2 * math.pi
 _NEAR_PLATE = 0.35  # rad; a plate pixel's phase differs from the model by noise and ripple only
 _MIN_PLATE_PIXELS = 200
 _MIN_SHARE = 0.02  # of a piece's pixels that must be plate, unless they are very many
 _MANY = 2000
+_MOST_LEVELS = 60  # fringes above or below the plate that are looked at
+_STRIPS = 8  # of the picture, counted at once
 _SAMPLE = 2000  # pixels of a piece at which the heights of an order are looked at
 _TOP_MM, _TOP_SHARE = 0.15, 0.02  # how far a piece's top may lie from the known one that decides its order
 _TOP = 0.995  # quantile of a piece's heights that is its top
@@ -60,43 +64,88 @@ def decide_pieces(
         Known heights of tops, as of balls: decide a piece without plate pixels if exactly one order brings its
         highest point to one.
     """
-    result = np.full(step_rad.shape, np.nan)
+    number = int(pieces.max(initial=0))
+    levels, counts, sizes = _plate_votes(step_rad, pieces, number)
     orders: dict[int, int | None] = {}
-    for piece in range(1, int(pieces.max(initial=0)) + 1):
-        inside = pieces == piece
-        if not inside.any():
-            continue
-        order = _order_by_plate(step_rad, inside)
-        if order is None and height_of is not None and height_range_mm is not None:
-            order = _order_by_height(step_rad, np.flatnonzero(inside), height_of, height_range_mm, tops_mm)
-        orders[piece] = order
-        if order is not None:
-            result[inside] = step_rad[inside] + 2 * math.pi * order
+    for piece in (np.flatnonzero(sizes[1:]) + 1).tolist():
+        enough = max(_MIN_PLATE_PIXELS, min(_MANY, int(_MIN_SHARE * sizes[piece])))
+        orders[piece] = -int(levels[piece]) if counts[piece] >= enough else None
+    if height_of is not None and height_range_mm is not None:
+        for piece, pixels in _pixels_of(pieces, [p for p, order in orders.items() if order is None]):
+            orders[piece] = _order_by_height(step_rad, pixels, height_of, height_range_mm, tops_mm)
+    turns = np.full(number + 1, np.nan)
+    for piece, order in orders.items():
+        turns[piece] = np.nan if order is None else _TWO_PI * order
+    result = np.empty(step_rad.shape)
+    _add_turns(step_rad, pieces, turns, result)
     return PieceOrders(result, orders)
 
 
-def _order_by_plate(step: Array, inside: NDArray[np.bool_]) -> int | None:
-    """Find the level at which most flat pixels lie within reach of a multiple of 2 pi."""
-    flat = inside & _flat(step)
-    values = step[flat]
-    multiple = np.round(values / (2 * math.pi)).astype(int)
-    near = np.abs(values - 2 * math.pi * multiple) < _NEAR_PLATE
-    if not near.any():
-        return None
-    levels, counts = np.unique(multiple[near], return_counts=True)
-    best = int(np.argmax(counts))
-    enough = max(_MIN_PLATE_PIXELS, min(_MANY, int(_MIN_SHARE * np.count_nonzero(inside))))
-    return -int(levels[best]) if counts[best] >= enough else None
+def _plate_votes(
+    step: Array, pieces: NDArray[np.integer], number: int
+) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
+    """Return for every piece the fringe level near which most of its flat pixels lie, how many do, and its size.
+
+    Pieces that are too small to be decided by the plate have no votes.
+    """
+    sizes = _sizes(pieces, number)
+    large = sizes >= _MIN_PLATE_PIXELS
+    large[0] = False
+    rows = np.where(large, np.cumsum(large), 0)
+    votes = np.zeros((_STRIPS, int(large.sum()) + 1, 2 * _MOST_LEVELS + 1), np.int32)
+    _count_levels(np.asarray(step, float), pieces, rows, votes)
+    total = votes.sum(axis=0)
+    total[0] = 0
+    return (total.argmax(axis=1) - _MOST_LEVELS)[rows], total.max(axis=1)[rows], sizes
 
 
-def _flat(step: Array) -> NDArray[np.bool_]:
-    """Pixels whose neighbours on both sides have nearly the same step: plate, not a flank passing through."""
-    flat = np.zeros(step.shape, dtype=bool)
-    with np.errstate(invalid="ignore"):
-        across = np.abs(step[2:-2, 4:] - step[2:-2, :-4])
-        along = np.abs(step[4:, 2:-2] - step[:-4, 2:-2])
-        flat[2:-2, 2:-2] = (across < 2 * _NEAR_PLATE) & (along < 2 * _NEAR_PLATE)
-    return flat
+@njit(cache=True)
+def _sizes(pieces, number):  # type: ignore[no-untyped-def]
+    sizes = np.zeros(number + 1, np.int64)
+    for piece in pieces.ravel():
+        sizes[piece] += 1
+    return sizes
+
+
+@njit(parallel=True, cache=True)
+def _count_levels(step, pieces, rows, votes):  # type: ignore[no-untyped-def]
+    """Count flat pixels within reach of each multiple of 2 pi, by piece.
+
+    Flat are those whose neighbours on both sides have nearly the same step: plate, not a flank passing through.
+    """
+    height, width = step.shape
+    for s in prange(votes.shape[0]):
+        first, last = max(2, height * s // votes.shape[0]), min(height - 2, height * (s + 1) // votes.shape[0])
+        for v in range(first, last):
+            for u in range(2, width - 2):
+                value = step[v, u]
+                level = np.rint(value / _TWO_PI)
+                if not (abs(value - _TWO_PI * level) < _NEAR_PLATE and abs(level) <= _MOST_LEVELS):
+                    continue
+                across = abs(step[v, u + 2] - step[v, u - 2])
+                along = abs(step[v + 2, u] - step[v - 2, u])
+                if across < 2 * _NEAR_PLATE and along < 2 * _NEAR_PLATE:
+                    votes[s, rows[pieces[v, u]], int(level) + _MOST_LEVELS] += 1
+
+
+@njit(parallel=True, cache=True)
+def _add_turns(step, pieces, turns, out):  # type: ignore[no-untyped-def]
+    for v in prange(step.shape[0]):
+        for u in range(step.shape[1]):
+            out[v, u] = step[v, u] + turns[pieces[v, u]]
+
+
+def _pixels_of(pieces: NDArray[np.integer], wanted: list[int]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Yield flat indices of the pixels of some pieces."""
+    chosen = np.zeros(int(pieces.max(initial=0)) + 1, dtype=bool)
+    chosen[wanted] = True
+    pixels = np.flatnonzero(chosen[pieces])
+    numbers = pieces.ravel()[pixels]
+    ordered = np.argsort(numbers, kind="stable")
+    ends = np.searchsorted(numbers[ordered], wanted, side="right")
+    starts = np.searchsorted(numbers[ordered], wanted, side="left")
+    for piece, start, end in zip(wanted, starts, ends, strict=True):
+        yield piece, pixels[ordered[start:end]]
 
 
 def _order_by_height(
@@ -110,11 +159,10 @@ def _order_by_height(
     chosen = pixels[:: max(1, pixels.size // _SAMPLE)]
     values = step.ravel()[chosen]
     low, high = height_range
-    fitting: dict[int, Array] = {}
-    for order in range(-40, 41):
-        z = height_of(values + 2 * math.pi * order, chosen)
-        if np.mean((z > low) & (z < high)) > 0.98:
-            fitting[order] = z
+    orders = np.arange(-_MOST_LEVELS, _MOST_LEVELS + 1)
+    heights = height_of(values + _TWO_PI * orders[:, None], chosen)
+    inside = np.mean((heights > low) & (heights < high), axis=1) > 0.98
+    fitting = {int(order): z for order, z in zip(orders[inside], heights[inside], strict=True)}
     if tops_mm:
         fitting = {order: z for order, z in fitting.items() if _ends_at(float(np.quantile(z, _TOP)), tops_mm)}
     return next(iter(fitting)) if len(fitting) == 1 else None

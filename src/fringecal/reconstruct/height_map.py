@@ -1,0 +1,73 @@
+"""A measured surface: coordinates, uncertainty by cause, and why a pixel has none."""
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.reconstruct.sensitivity import Sensitivities
+
+Map = NDArray[Any]
+
+
+class Reason(enum.IntFlag):
+    """Why a pixel has no height; 0 is a valid one. The low bits are those of the phase map."""
+
+    NO_PHASE = 1
+    ORDER_UNDECIDED = 2
+    NO_RAY = 4
+    OUT_OF_RANGE = 8
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """A measured surface: one value per pixel, mm in the plate frame, NaN where masked.
+
+    Parameters
+    ----------
+    x, y, z
+        Coordinates in mm, shape (H, W).
+    u_z
+        Combined standard uncertainty of z in mm.
+    u_random
+        Its random part: independent from pixel to pixel.
+    systematic
+        Its systematic parts: the change of z by one standard uncertainty of each cause; what has the same sign
+        everywhere counts fully in a mean.
+    reasons
+        `Reason` bits, 0 where valid.
+    """
+
+    x: Map
+    y: Map
+    z: Map
+    u_z: Map
+    u_random: Map
+    systematic: Sensitivities
+    reasons: NDArray[np.uint8]
+
+    @property
+    def sensitivities(self) -> NDArray[np.float32]:
+        """Maps of the systematic parts, shape (K, H, W), 0 where masked."""
+        return np.nan_to_num(self.systematic.maps(self.z))
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """True where the height is valid."""
+        return self.reasons == 0
+
+    def mean_uncertainty(self, weights: NDArray[np.floating]) -> float:
+        """Return u of a weighted mean of z: systematic parts add up, random ones average out.
+
+        `Cov = diag(u_r^2) + sum_k c_k c_k^T` (reference 4.5); weights are normalised to sum 1.
+        """
+        w = np.where(self.mask, weights, 0.0)
+        w = w / w.sum()
+        random = float(np.sum((w * np.where(self.mask, self.u_random, 0.0)) ** 2))
+        common = np.array(
+            [float(np.nansum(w * self.systematic.map(k, self.z))) for k in range(len(self.systematic.causes))]
+        )
+        return math.sqrt(random + float(common @ common))
