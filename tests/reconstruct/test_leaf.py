@@ -1,0 +1,112 @@
+"""A virtual leaf seen by a rig like the thesis's: its folds, area and volume against its own formula."""
+
+import numpy as np
+import pytest
+
+from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.errors import FitError
+from fringecal.phase.demodulate import PhaseMap
+from fringecal.phase.noise import Noise
+from fringecal.projection.calibration import Mode, RigCalibration
+from fringecal.projection.rig import PlateResidual, RigModel, projector_point
+from fringecal.reconstruct.height import reconstruct_height
+from fringecal.reconstruct.sections import row_section
+from fringecal.simulate import Leaf, leaf_scene
+from fringecal.verify.folds import folds_of, folds_table
+
+SHAPE = (600, 640)
+NOISE_RAD = 0.01  # of the thesis rig: one grey level at a modulation of 80
+LEAF = Leaf()
+ROWS = (220, 300, 380)
+
+
+def rig():
+    values = {"scale_mm_per_px": 0.734, "height_mm": 1500.0}
+    ratio = np.array([0.0, 0.785, -0.9594, 0.0, 0.0, -4e-4, -5.11e-4])
+    model = RigModel(ratio, projector_point(ratio, near=np.array([0.0, 1222.0, 1000.0])), PlateResidual())
+    camera = PlateCamera.from_values(values, SHAPE)
+    effects = np.zeros((2, camera.parameters.size + 7 + 1))
+    effects[0, CAMERA_NAMES.index("scale_mm_per_px")] = 1e-3 * 0.734
+    effects[1, camera.parameters.size + 2] = 1e-3 * ratio[2]
+    return RigCalibration(camera, model, (Mode("grid pitch", effects[0]), Mode("strip height", effects[1])))
+
+
+@pytest.fixture(scope="module")
+def field():
+    return leaf_scene(LEAF).height_field
+
+
+def height_at(field, x, y):
+    """Bilinear height of the leaf's own height field, whose middle node lies at the origin."""
+    from scipy.ndimage import map_coordinates
+
+    rows, columns = field.z_mm.shape
+    at = [y / field.step_mm + (rows - 1) / 2, x / field.step_mm + (columns - 1) / 2]
+    return map_coordinates(field.z_mm, at, order=1, mode="constant")
+
+
+@pytest.fixture(scope="module")
+def measured(field):
+    calibration = rig()
+    rays = calibration.camera.pixel_rays()
+    z = np.zeros(SHAPE)
+    for _ in range(30):  # slopes of 1 times rays of 1/6 converge by a factor of 6 each time
+        z = height_at(field, *rays.at(z))
+    noise = NOISE_RAD * np.random.default_rng(5).standard_normal(SHAPE)
+    wrapped = np.angle(np.exp(1j * (calibration.model.phase(*rays.at(z), z) + noise))).astype(np.float32)
+    ones = np.ones(SHAPE, np.float32)
+    seen = PhaseMap(wrapped, 80 * ones, 120 * ones, NOISE_RAD * ones, np.zeros(SHAPE, np.uint8), Noise(1.0))
+    surface = reconstruct_height(seen, calibration)
+    assert surface.mask.all()
+    np.testing.assert_allclose(surface.z, z, atol=8 * NOISE_RAD)
+    return calibration, surface
+
+
+def true_fold(field, x, y, pleat):
+    """Depth and angle of the ridge at x by dense sampling: flanks are straight lines through their middle halves."""
+    s = np.linspace(-pleat / 2, pleat / 2, 2001)
+    z = height_at(field, x + s, np.full(s.size, y))
+    depth = z[1000] - (z[0] + z[-1]) / 2
+    slopes = [np.polyfit(s[part], z[part], 1)[0] for part in (slice(250, 751), slice(1250, 1751))]
+    return depth, 180 - np.degrees(np.arctan(slopes[0]) - np.arctan(slopes[1]))
+
+
+@pytest.mark.parametrize("row", ROWS)
+def test_folds_of_the_leaf_agree_with_its_formula(field, measured, row):
+    calibration, surface = measured
+    folds = [f for f in folds_of(row_section(surface, calibration, row)) if abs(f.x_mm.value) < 60]
+    y = folds[0].y_mm
+    pleat = LEAF.pleat_mm * (1 - LEAF.fan * (2 * y / LEAF.length_mm) ** 2)
+    assert len(folds) == 2 * int(60 / pleat) + 1
+    for fold in folds:
+        # A picture row is no line of constant y where heights differ, by 1/1500 of x: 0.05 mm on pleats of 25 mm.
+        assert fold.spacing_mm.value == pytest.approx(pleat, rel=0.01)
+        depth, angle = true_fold(field, fold.x_mm.value, fold.y_mm, pleat)
+        assert fold.depth_mm.value == pytest.approx(depth, abs=0.1)
+        assert fold.angle_deg.value == pytest.approx(angle, abs=0.5)
+        assert fold.along_mm.value > fold.spacing_mm.value
+
+
+def test_uncertainty_of_folds_names_scale_and_height(measured):
+    calibration, surface = measured
+    folds = folds_of(row_section(surface, calibration, 300))
+    # One part in a thousand of scale is one of spacing, and one of the angle's lever is one of depth; noise adds.
+    assert all(f.spacing_mm.u >= 0.9e-3 * f.spacing_mm.value for f in folds[:-1])
+    assert all(f.depth_mm.u >= 0.5e-3 * f.depth_mm.value for f in folds)
+    assert all(f.spacing_mm.u < 0.25 for f in folds[:-1])
+
+
+def test_table_of_folds_has_a_row_for_every_ridge(measured):
+    calibration, surface = measured
+    folds = {row: folds_of(row_section(surface, calibration, row)) for row in ROWS}
+    table = folds_table(folds)
+    assert len(table) == sum(map(len, folds.values()))
+    assert {"row / px", "spacing / mm", "u(spacing) / mm", "depth / mm", "angle / deg", "u(angle) / deg"} <= set(table)
+    assert table["spacing / mm"].isna().sum() == len(ROWS)
+
+
+@pytest.mark.parametrize("row", [-1, 600, 5])
+def test_a_row_without_folds_is_refused(measured, row):
+    calibration, surface = measured
+    with pytest.raises(FitError, match=f"row {row}"):
+        folds_of(row_section(surface, calibration, row))
