@@ -140,8 +140,8 @@ def _crests(s: Array, z: Array, *, least_mm: float) -> list[_Crest]:
         (int(p), up) for up in (True, False) for p in signal.find_peaks(smooth if up else -smooth, prominence=least)[0]
     ]
     found.sort()
-    places = s[[place for place, _ in found]]
-    gaps = np.concatenate([[np.inf], np.diff(places), [np.inf]])
+    gaps = np.full(len(found) + 1, np.inf)
+    gaps[1:-1] = np.diff(s[[place for place, _ in found]]) if found else []
     near = np.minimum(gaps[:-1], gaps[1:])
     crests = []
     for (place, up), distance in zip(found, near, strict=True):
