@@ -65,7 +65,7 @@ def _figures(advice: Advice) -> tuple[FigureItem, ...]:
     where = f"from {float(middle.u_mm.min()):.2g} to {float(middle.u_mm.max()):.2g} mm"
     items = (
         FigureItem("Causes of height uncertainty", cause_bars(causes), advice.sentences[len(causes) // 2]),
-        FigureItem("Height uncertainty over the field", field, f"Map of the standard uncertainty, {where}."),
+        FigureItem("Height uncertainty over the field", field, f"Map of the standard uncertainty, {where}.", "png"),
     )
     if not advice.gains:
         return items
