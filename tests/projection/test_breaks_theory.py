@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
-from fringecal.errors import FitError
+from fringecal.errors import DetectionError, FitError
 from fringecal.projection.angle import ProjectorPosition
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.rig import RigModel
 from fringecal.projection.theory import displacement, reflected_source, theoretical_apparent
+from fringecal.projection.whole_fringes import explained, predicted_turns
 
 SHAPE = (601, 801)
 X_MM = (-150.0, -75.0, 0.0, 75.0, 150.0)
@@ -109,3 +110,32 @@ def test_parallel_light_has_no_place():
     rig = RigModel(np.array([0.6, 0, -0.7, 0, 0, 0, 0.0]), np.full(3, np.inf))
     with pytest.raises(FitError, match="parallel"):
         displacement(calibration(rig), ProjectorPosition(np.zeros(3), np.ones(3)))
+
+
+def plate_of(camera, rig):
+    """Return the phase of the bare plate, pixel by pixel."""
+    rays = camera.pixel_rays()
+    return rig.phase(rays.ax, rays.ay, 0.0)
+
+
+@pytest.mark.parametrize("turns", [0.5, 1.0, 2.0])
+def test_a_step_of_whole_fringes_is_named_with_its_remedy(turns):
+    """Pitch 10 mm, parallel view: h tan(theta) / 10 fringes at the origin, less than 5 % more or less beside it."""
+    camera = PlateCamera.from_values({"scale_mm_per_px": 0.1, "height_mm": 1e9}, SHAPE)
+    projector = np.array([1200.0, 0.0, 1000.0])
+    height = 1 / (0.12 / turns + 1e-3)  # the ray's foot lies (1200 + x) h / (1000 - h) off: 10 mm for each fringe
+    plate = plate_of(camera, pinhole_rig(1200.0, 1000.0))
+    found = predicted_turns(plate, camera, height, projector)
+    assert abs(np.median(found)) == pytest.approx(turns, rel=1e-3)
+    error = explained(DetectionError("narrow"), plate, camera, height, projector)
+    assert ("whole fringes" in str(error)) == (turns >= 1)
+    if turns >= 1:
+        assert f"{turns:.2f} periods" in str(error)
+        assert "pitch" in str(error)
+        assert "strips of about" in str(error)
+
+
+def test_where_no_projector_is_stated_the_refusal_stays_as_it_is():
+    camera = PlateCamera.from_values({"scale_mm_per_px": 0.5, "height_mm": 1e9}, SHAPE)
+    error = DetectionError("narrow")
+    assert explained(error, plate_of(camera, pinhole_rig(1200.0, 1000.0)), camera, 8.3, None) is error

@@ -67,6 +67,13 @@ sets(('capture "bars"', '"calibration" or "verification"'), "use_unknown", captu
 sets(("height_mm", "1500"), "quantity_without_u", table("camera", height_mm=1500.0))
 sets(("height_mm", "negative"), "negative_u", table("camera", height_mm={"value": 1500.0, "u": -1.0}))
 sets(("height_mm", "positive"), "negative_height", table("camera", height_mm={"value": -1500.0, "u": 1.0}))
+
+
+def mirror(**changed):
+    """Return a plane mirror at 45 deg, but for what is changed."""
+    return {"point_mm": {"value": [0.0, 1200.0, 1000.0], "u": 2.0}, "normal": [0.0, 1.0, -1.0]} | changed
+
+
 sets(
     ("height_mm", "telecentric", "two statements"),
     "height_and_telecentric",
@@ -81,6 +88,16 @@ sets(
     ("position_mm", "x, y, z"),
     "position_of_two",
     table("projector", position_mm={"value": [1.0, 2.0], "u": 1.0}),
+)
+sets(
+    ("normal", "direction"),
+    "mirror_without_direction",
+    lambda bench: bench.document["projector"].update(mirror=mirror(normal=[0.0, 0.0, 0.0])),
+)
+sets(
+    ("point_mm", "x, y, z"),
+    "mirror_of_two_coordinates",
+    lambda bench: bench.document["projector"].update(mirror=mirror(point_mm={"value": [1.0, 2.0], "u": 1.0})),
 )
 sets(("steps_deg", "'0'"), "step_as_text", table("phase", steps_deg=["0", 120.0, 240.0]))
 sets(("steps_deg", "finite"), "step_not_finite", table("phase", steps_deg=[0.0, 120.0, float("nan")]))

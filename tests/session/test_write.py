@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fringecal.errors import SessionError
+from fringecal.procedures.commission import projector_of
 from fringecal.session import load_session, write_session
 from fringecal.session.toml_text import to_toml
 
@@ -106,3 +107,16 @@ def test_what_toml_cannot_hold() -> None:
     with pytest.raises(TypeError, match="complex"):
         to_toml({"a": 1j})
     assert math.isnan(tomllib.loads(to_toml({"a": math.nan}))["a"])
+
+
+def test_a_mirror_is_read_beside_the_projector(tmp_path: Path) -> None:
+    mirror = {"point_mm": {"value": (0.0, 1200.0, 1000.0), "u": 2.0}, "normal": (0.0, 1.0, -1.0)}
+    projector = {"position_mm": {"value": (0.0, 400.0, 1000.0), "u": 3.0}, "mirror": mirror}
+    session = load_session(write_session(tmp_path / "s", document(projector=projector), frames()))
+    assert session.projector is not None
+    assert session.projector.mirror is not None
+    assert session.projector.mirror.normal == (0.0, 1.0, -1.0)
+    # The plane through (., 1200, 1000) whose normal is (0, 1, -1): y and z about that point change places.
+    stated = projector_of(session)
+    assert stated is not None
+    np.testing.assert_allclose(stated.value_mm, [0.0, 1200.0, 200.0], atol=1e-9)

@@ -300,7 +300,8 @@ def _demand_width(pixels: Pixels, across: Array, edges: Array, stated_px: Array)
     if abs(width - stated) > 2.0 + _SIZE_TOLERANCE * stated:
         raise DetectionError(
             f"the strips are {width:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the "
-            "target names other strips, or its width or gap is wrong"
+            "target names other strips, or its width or gap is wrong; or the step is near a whole fringe in part of "
+            "the field, where tops look like plate (then change the fringe pitch or the strips' height)"
         )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.detect.grid import GridDetection
-from fringecal.errors import FitError, SessionError
+from fringecal.errors import DetectionError, FitError, SessionError
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.camera import CameraFindings, measure_camera
 from fringecal.procedures.examination import Examination, examine
@@ -40,6 +40,8 @@ from fringecal.projection.phase_breaks import phase_breaks
 from fringecal.projection.sampling import pick_points
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
+from fringecal.projection.theory import reflected_source
+from fringecal.projection.whole_fringes import explained
 from fringecal.session import Session
 from fringecal.uncertainty.estimates import Estimate
 
@@ -154,9 +156,13 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     wave = reference.adapted.found_wave
     strips_capture = phase_of_capture(capture, wave=wave)
     target = strips_target(capture)
-    strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
     stated = projector_of(session)
     near = None if stated is None else stated.value_mm
+    try:
+        strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
+    except DetectionError as error:
+        height = float(np.mean(target.height_mm.array(target.count)))
+        raise explained(error, plate_phase, camera.fit.camera, height, near) from error
     progress("fringe order of the strips")
     ordered = order_strips(plate_phase, strips, camera.fit.camera, projector_mm=near)
     observations, orders = _observations(plate_phase, strips, ordered)
@@ -194,11 +200,15 @@ def _demand(session: Session, *kinds: str) -> None:
 
 
 def projector_of(session: Session) -> ProjectorPosition | None:
-    """Return the stated position of the projector, if the session states one."""
+    """Return the stated position of the projector, if the session states one: of its image, if there is a mirror."""
     if session.projector is None:
         return None
-    position = session.projector.position_mm
-    return ProjectorPosition(position.array(3), position.u_array(3))
+    position, mirror = session.projector.position_mm, session.projector.mirror
+    stated = ProjectorPosition(position.array(3), position.u_array(3))
+    if mirror is None:
+        return stated
+    point = ProjectorPosition(mirror.point_mm.array(3), mirror.point_mm.u_array(3))
+    return reflected_source(stated, point, mirror.normal)
 
 
 def _whole_plate(reference: CapturePhase) -> Array:

@@ -12,7 +12,7 @@ from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.errors import RecordError
 from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.checks import commissioning_checks, verification_checks
-from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.commission import Commissioning, projector_of
 from fringecal.procedures.lens_recording import lens_record
 from fringecal.procedures.recording_phase import findings_of, steps_record, wave_of, wave_record
 from fringecal.procedures.verification import Verification
@@ -241,12 +241,12 @@ def _projection_record(found: Commissioning) -> record.ProjectionRecord:
 
 
 def _theory_record(found: Commissioning, theory: Estimate) -> record.TheoryRecord:
-    assert found.session.projector is not None
-    position = found.session.projector.position_mm
+    position = projector_of(found.session)
+    assert position is not None
     height = found.session.camera.height_mm
     return record.TheoryRecord(
         angle=EstimateRecord.of(theory),
-        projector_position_mm=VectorU(value=position.values, u=tuple(map(float, position.u_array(3)))),
+        projector_position_mm=VectorU(value=tuple(map(float, position.value_mm)), u=tuple(map(float, position.u_mm))),
         camera_height_mm=None if height is None else ValueU(value=height.values[0], u=height.us[0]),
         difference_deg=found.angle.value - theory.value,
         en=found.angle_en,

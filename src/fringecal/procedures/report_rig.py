@@ -8,7 +8,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES
-from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.commission import Commissioning, projector_of
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.rig import RIG_NAMES
 from fringecal.report.figures_maps import classification_overlay, residual_map
@@ -246,9 +246,8 @@ def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
     frame = pd.DataFrame(
         {"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": [e.u for e in fitted]}
     )
-    if found.session.projector is not None:
-        position = found.session.projector.position_mm
-        frame["stated / mm"], frame["u(stated) / mm"] = position.array(3), position.u_array(3)
+    if (stated := projector_of(found.session)) is not None:
+        frame["stated / mm"], frame["u(stated) / mm"] = stated.value_mm, stated.u_mm
         frame["difference / mm"] = frame["fitted / mm"] - frame["stated / mm"]
         both = np.hypot(frame["u / mm"], frame["u(stated) / mm"])
         frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
@@ -296,9 +295,8 @@ def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureIte
         if session.camera.height_mm is not None:
             height = session.camera.height_mm
             stated_eye = Pupil("camera, stated", np.array([0.0, 0.0, height.values[0]]), np.array([0, 0, height.us[0]]))
-    if session.projector is not None:
-        position = session.projector.position_mm
-        stated = Pupil("projector, stated", position.array(3), position.u_array(3))
+    if (position := projector_of(session)) is not None:
+        stated = Pupil("projector, stated", position.value_mm, position.u_mm)
     place = np.array([e.value for e in projector])
     figure = rig_drawing(
         field_mm(calibration),

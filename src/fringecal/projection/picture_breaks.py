@@ -91,7 +91,7 @@ def picture_breaks(
     """
     grey = np.asarray(image)
     progress("finding the strips in one picture")
-    found = strips_in_picture(grey, target, camera.camera)
+    found = strips_in_picture(grey, target, camera.camera, projector_mm=projector_mm)
     ordered = order_strips(found.plate_phase_rad, found.strips, camera.camera, projector_mm=projector_mm)
     if estimator == "skeleton":
         _demand_width(found)

@@ -14,6 +14,7 @@ from fringecal.errors import DetectionError, FitError
 from fringecal.phase.line_carrier import LineCarrier, demodulate_lines
 from fringecal.phase.plate_carrier import SmoothPhase, fringed, plate_phase_on, plate_phases
 from fringecal.projection.strips import StripPhase, strips_from_step
+from fringecal.projection.whole_fringes import explained
 from fringecal.targets import Strips
 
 Array = NDArray[np.float64]
@@ -31,7 +32,9 @@ class PictureStrips:
     strips: StripPhase
 
 
-def strips_in_picture(image: ArrayLike, target: Strips, camera: PlateCamera) -> PictureStrips:
+def strips_in_picture(
+    image: ArrayLike, target: Strips, camera: PlateCamera, *, projector_mm: Array | None = None
+) -> PictureStrips:
     """Find the strips in one picture by the phase they add to the plate's.
 
     Parameters
@@ -42,6 +45,8 @@ def strips_in_picture(image: ArrayLike, target: Strips, camera: PlateCamera) -> 
         Count, width, gap and height of the strips.
     camera
         The camera on the plate.
+    projector_mm
+        Where the projector is said to stand: only tells why strips do not show.
 
     Raises
     ------
@@ -54,7 +59,8 @@ def strips_in_picture(image: ArrayLike, target: Strips, camera: PlateCamera) -> 
     valid = fringed(carrier)
     found: list[tuple[float, StripPhase, SmoothPhase]] = []
     errors: list[Exception] = []
-    for plate in plate_phases(carrier, valid):
+    plates = plate_phases(carrier, valid)
+    for plate in plates:
         try:
             strips = strips_from_step(_step(carrier, plate), valid, target, camera)
             plate = plate_phase_on(carrier, valid & (strips.regions.labels == 0), plate)
@@ -66,7 +72,9 @@ def strips_in_picture(image: ArrayLike, target: Strips, camera: PlateCamera) -> 
         if found[-1][0] > _SURE:
             break
     if not found:
-        raise DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
+        error = DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
+        height = float(np.mean(target.height_mm.array(target.count)))
+        raise explained(error, np.where(valid, plates[0].map(), np.nan), camera, height, projector_mm)
     _, strips, plate = max(found, key=lambda one: one[0])
     _demand_crossing(carrier, strips)
     return PictureStrips(carrier, np.where(valid, plate.map(), np.nan), strips)

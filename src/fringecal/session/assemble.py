@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from fringecal.session.document import FILE_NAME, SessionDocument
+from fringecal.session.document import FILE_NAME, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
-from fringecal.session.session import CameraKnown, Capture, ProjectorKnown, Session
+from fringecal.session.session import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 
 
 def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]) -> Session:
@@ -20,7 +20,7 @@ def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], w
         rig=document.rig,
         captured=document.captured,
         camera=_camera(folder, document),
-        projector=ProjectorKnown(document.projector.position_mm) if document.projector else None,
+        projector=_projector(document.projector),
         steps_rad=_radians(document.phase.steps_deg if document.phase else ()),
         captures={capture.name: capture for capture in captures},
         inputs=dict(_inputs(folder, document, drafts)),
@@ -28,6 +28,13 @@ def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], w
         temperature_degC=document.temperature_degC,
         minutes_since_power_on=document.minutes_since_power_on,
     )
+
+
+def _projector(table: ProjectorTable | None) -> ProjectorKnown | None:
+    if table is None:
+        return None
+    mirror = None if table.mirror is None else MirrorKnown(table.mirror.point_mm, table.mirror.normal)
+    return ProjectorKnown(table.position_mm, mirror)
 
 
 def _camera(folder: Path, document: SessionDocument) -> CameraKnown:

@@ -45,16 +45,35 @@ class CameraTable(_Table):
         return self
 
 
+class MirrorTable(_Table):
+    """A plane mirror between lamp and plate: a point of its surface, and the direction across it."""
+
+    point_mm: Quantity
+    normal: Annotated[tuple[FiniteFloat, FiniteFloat, FiniteFloat], Field(strict=False)]
+
+    @model_validator(mode="after")
+    def _plane(self) -> "MirrorTable":
+        _demand_point("point_mm", self.point_mm)
+        if not any(self.normal):
+            raise ValueError("normal must be a direction [nx, ny, nz] in the plate frame, not [0, 0, 0]")
+        return self
+
+
 class ProjectorTable(_Table):
-    """Where the projector is nominally, for the theory table."""
+    """Where the projector is nominally, for the theory table; seen in a mirror if there is one."""
 
     position_mm: Quantity
+    mirror: MirrorTable | None = None
 
     @model_validator(mode="after")
     def _three_coordinates(self) -> "ProjectorTable":
-        if not (isinstance(self.position_mm.value, tuple) and len(self.position_mm.value) == 3):
-            raise ValueError("position_mm must be { value = [x, y, z], u = [ux, uy, uz] } in the plate frame")
+        _demand_point("position_mm", self.position_mm)
         return self
+
+
+def _demand_point(key: str, place: Quantity) -> None:
+    if not (isinstance(place.value, tuple) and len(place.value) == 3):
+        raise ValueError(f"{key} must be {{ value = [x, y, z], u = [ux, uy, uz] }} in the plate frame")
 
 
 class PhaseTable(_Table):

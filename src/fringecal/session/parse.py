@@ -15,6 +15,7 @@ from fringecal.session.document import (
     FILE_NAME,
     CameraTable,
     CaptureTable,
+    MirrorTable,
     PhaseTable,
     ProjectorTable,
     SessionDocument,
@@ -32,6 +33,8 @@ _TABLES: dict[tuple[str, ...], type[BaseModel]] = {
     ("capture",): CaptureTable,
     ("camera", "height_mm"): Quantity,
     ("projector", "position_mm"): Quantity,
+    ("projector", "mirror"): MirrorTable,
+    ("projector", "mirror", "point_mm"): Quantity,
 }
 
 # Stand-ins for what is missing or wrong, so that the rest can still be checked; never returned as data.
@@ -54,6 +57,8 @@ _NEEDED = {
     "target": 'write the name of a target or a path to one, for example target = "grid-10mm"',
     "steps_deg": "list the phase steps in degrees in file order, for example [0.0, 120.0, 240.0]",
     "position_mm": "write position_mm = { value = [x, y, z], u = [ux, uy, uz] }",
+    "point_mm": "write point_mm = { value = [x, y, z], u = [ux, uy, uz] }, any point of the mirror",
+    "normal": "write normal = [nx, ny, nz], the direction across the mirror",
     "height_mm": "write height_mm = { value = 1500.0, u = 5.0 }",
     "bits": "write the camera's true bits per pixel, 8 to 16",
     "channel": 'write one of "mean", "red", "green", "blue", "luma"',
@@ -184,7 +189,7 @@ def _stand_in(table: dict[str, Any], place: Loc) -> None:
         _replace(table[top][place[1]], str(place[2]), _CAPTURE_STAND_INS)
     elif top == "camera":
         _replace(table[top], str(place[1]), {})
-    else:  # the projector's and the phase's tables consist of one key: without it they go as a whole
+    else:  # tables that one needed key makes: the projector's and the phase's go as a whole
         table.pop(top, None)
 
 

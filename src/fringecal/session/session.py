@@ -35,10 +35,22 @@ class CameraKnown:
 
 
 @dataclass(frozen=True)
+class MirrorKnown:
+    """A plane mirror: any point of its surface, mm, with uncertainties, and the direction across it; plate frame."""
+
+    point_mm: Quantity
+    normal: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
 class ProjectorKnown:
-    """Nominal position x, y, z of the projector's pupil in the plate frame, mm, with uncertainties."""
+    """Nominal position x, y, z of the projector's pupil in the plate frame, mm, with uncertainties.
+
+    With a `mirror` the position is that of the projector itself, not of its image.
+    """
 
     position_mm: Quantity
+    mirror: MirrorKnown | None = None
 
 
 @dataclass(frozen=True)
