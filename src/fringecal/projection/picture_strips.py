@@ -59,8 +59,9 @@ def strips_in_picture(
     valid = fringed(carrier)
     found: list[tuple[float, StripPhase, SmoothPhase]] = []
     errors: list[Exception] = []
-    plates = plate_phases(carrier, valid)
-    for plate in plates:
+    tried: list[SmoothPhase] = []
+    for plate in plate_phases(carrier, valid):
+        tried.append(plate)
         try:
             strips = strips_from_step(_step(carrier, plate), valid, target, camera)
             plate = plate_phase_on(carrier, valid & (strips.regions.labels == 0), plate)
@@ -72,9 +73,9 @@ def strips_in_picture(
         if found[-1][0] > _SURE:
             break
     if not found:
-        error = DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
+        reason = DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
         height = float(np.mean(target.height_mm.array(target.count)))
-        raise explained(error, np.where(valid, plates[0].map(), np.nan), camera, height, projector_mm)
+        raise explained(reason, np.where(valid, tried[0].map(), np.nan), camera, height, projector_mm)
     _, strips, plate = max(found, key=lambda one: one[0])
     _demand_crossing(carrier, strips)
     return PictureStrips(carrier, np.where(valid, plate.map(), np.nan), strips)

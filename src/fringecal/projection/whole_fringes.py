@@ -42,8 +42,8 @@ def explained(
     half = max(round(shift), 1) - 0.5
     return DetectionError(
         f"the strips' {height_mm:g} mm shift the fringes by {shift:.2f} periods if the projector stands where it is "
-        f"stated: over {100 * np.mean(hidden):.0f} % of the field these are whole fringes, and a strip's top looks like "
-        f"the plate. Use a fringe pitch {shift / half:.2g} times as wide, or strips of about "
+        f"stated: over {100 * np.mean(hidden):.0f} % of the field that is whole fringes, and tops look like "
+        f"plate. Use a fringe pitch {shift / half:.2g} times as wide, or strips of about "
         f"{height_mm * half / shift:.2g} mm."
     )
 
