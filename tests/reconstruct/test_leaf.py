@@ -1,5 +1,7 @@
 """A virtual leaf seen by a rig like the thesis's: its folds, area and volume against its own formula."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,7 @@ from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.errors import FitError
 from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.noise import Noise
+from fringecal.procedures.report_relief import relief_section
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.rig import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.extent import extent_of
@@ -139,3 +142,14 @@ def test_nothing_so_high_has_no_volume(measured):
     calibration, surface = measured
     with pytest.raises(FitError, match="stands 50 mm"):
         extent_of(surface, calibration, above_mm=50.0)
+
+
+def test_the_report_tabulates_folds_area_and_volume_and_draws_contours(measured):
+    calibration, surface = measured
+    found = SimpleNamespace(surface=surface, calibration=calibration, model="projective")
+    section = relief_section(found, ROWS)
+    extent, folds = (table.frame for table in section.tables)
+    assert extent["unit"].tolist() == ["mm2", "mm2", "mm3"]
+    assert set(folds["row / px"]) == set(ROWS)
+    assert [item.caption for item in section.figures] == ["Lines of equal height"]
+    assert relief_section(found, (2,)).sentences[0].endswith("no ridge between two valleys.")

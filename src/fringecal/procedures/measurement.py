@@ -16,12 +16,13 @@ from fringecal.session import Capture, Session
 
 @dataclass(frozen=True)
 class Measurement:
-    """An object's surface, and the phase it was computed from."""
+    """An object's surface, the phase it was computed from, and the calibration that was applied."""
 
     capture: Capture
     phase: CapturePhase
     examined: Examination
     surface: HeightMap
+    calibration: RigCalibration
     model: str
 
     def shares(self) -> dict[str, float]:
@@ -69,7 +70,7 @@ def reconstruct(
     if not surface.mask.any():
         raise FitError(_nothing_measured(capture.name, height_range_mm))
     examined = examine(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, examined, surface, model)
+    return Measurement(capture, phase, examined, surface, calibration, model)
 
 
 def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:

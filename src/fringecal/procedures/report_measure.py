@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fringecal.procedures.measurement import Measurement
 from fringecal.procedures.report_doctor import doctor_section
 from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
+from fringecal.procedures.report_relief import relief_section
 from fringecal.reconstruct.height import HeightMap, Reason
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import classification_overlay, height_map, uncertainty_map
@@ -39,6 +40,7 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
         facts=_facts(found),
         sections=(
             _height_section(found),
+            relief_section(found, section_rows(found.surface.mask)),
             _uncertainty_section(found),
             _mask_section(found),
             phase_section((found.phase,)),
