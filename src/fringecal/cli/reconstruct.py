@@ -32,18 +32,26 @@ def reconstruct(
     model: str = typer.Option("projective", "--model", help="constant-angle, column-angle or projective."),
     lowest: float | None = typer.Option(None, "--lowest-mm", help="Lowest height the object can have."),
     highest: float | None = typer.Option(None, "--highest-mm", help="Greatest height the object can have."),
+    before: str = typer.Option("none", "--before", help="Filter of the frames: none, median, mean or median+mean."),
+    after: str = typer.Option("none", "--after", help="Filter of the heights: none, median, mean or median+mean."),
+    minus_plate: bool = typer.Option(False, "--minus-plate", help="Subtract the heights of the bare plate's capture."),
     as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
 ) -> None:
     """Load, reconstruct, save, print."""
     from fringecal.procedures.measurement import reconstruct as run
     from fringecal.procedures.recording import calibration_of
     from fringecal.procedures.report_measure import measurement_report
+    from fringecal.procedures.treatment import Treatment
     from fringecal.projection.models import HEIGHT_MODELS
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
     from fringecal.records.surfaces import write_surfaces
     from fringecal.session import load_session
+    from fringecal.verify.filters import FILTERS
 
+    for name in (before, after):
+        if name not in FILTERS:
+            raise typer.BadParameter(f"a filter is one of {', '.join(FILTERS)}, found {name!r}")
     if model not in HEIGHT_MODELS:
         raise typer.BadParameter(f"model is one of {', '.join(HEIGHT_MODELS)}, found {model!r}")
     demand_folder(out)
@@ -51,7 +59,15 @@ def reconstruct(
     with progress(quiet=as_json) as show:
         rig = calibration_of(read_calibration(calibration))
         loaded = load_session(session)
-        found = run(loaded, capture or None, rig, model=model, height_range_mm=_range(lowest, highest), progress=show)
+        found = run(
+            loaded,
+            capture or None,
+            rig,
+            model=model,
+            height_range_mm=_range(lowest, highest),
+            treatment=Treatment(before, after, minus_plate),
+            progress=show,
+        )
         show("writing surfaces and report")
         report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC))
         with result_folder(out, last="report.html") as staging:

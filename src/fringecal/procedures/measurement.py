@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fringecal.errors import FitError
+from fringecal.errors import FitError, SessionError
 from fringecal.procedures.examination import Examination, examine, plate_beside
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.treatment import UNTREATED, Treatment, filtered_heights, filtered_phase, minus_plate
 from fringecal.procedures.verification import demand_same_picture
 from fringecal.projection.calibration import RigCalibration
 from fringecal.reconstruct.height import HeightMap, Reason, reconstruct_height
@@ -24,6 +25,7 @@ class Measurement:
     surface: HeightMap
     calibration: RigCalibration
     model: str
+    treatment: Treatment = UNTREATED
 
     def shares(self) -> dict[str, float]:
         """Return the share of valid pixels and of every reason for which others were masked."""
@@ -39,6 +41,7 @@ def reconstruct(
     *,
     model: str = "projective",
     height_range_mm: tuple[float, float] | None = None,
+    treatment: Treatment = UNTREATED,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Measurement:
     """Reconstruct the surface of an object capture.
@@ -53,11 +56,13 @@ def reconstruct(
         Name of a height model.
     height_range_mm
         Heights the object can have, where known: pixels beyond are masked.
+    treatment
+        Filters before and after, and whether the plate's own measured heights are subtracted.
 
     Raises
     ------
     SessionError
-        No such capture, or pictures of another size.
+        No such capture, pictures of another size, or no capture of the plate to be subtracted.
     PhaseError, FitError
         No phase in the frames, or nothing whose fringe order could be decided.
     """
@@ -66,11 +71,38 @@ def reconstruct(
     progress(f"phase of {capture.name}")
     phase = phase_of_capture(capture, wave=calibration.wave)
     progress(f"heights of {capture.name}")
-    surface = reconstruct_height(phase.map, calibration, model=model, height_range_mm=height_range_mm)
+    seen = filtered_phase(phase, treatment.before)
+    surface = reconstruct_height(seen, calibration, model=model, height_range_mm=height_range_mm)
+    if treatment.minus_plate:
+        progress("heights of the plate")
+        surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
+    surface = filtered_heights(surface, treatment.after)
     if not surface.mask.any():
         raise FitError(_nothing_measured(capture.name, height_range_mm))
     examined = examine(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, examined, surface, calibration, model)
+    return Measurement(capture, phase, examined, surface, calibration, model, treatment)
+
+
+def _plate_surface(
+    session: Session, capture: Capture, calibration: RigCalibration, model: str, before: str
+) -> HeightMap:
+    """Measure the bare plate as the object is measured.
+
+    Raises
+    ------
+    SessionError
+        The session holds no capture of the plate with the same steps, or several.
+    """
+    plate = plate_beside(session, capture)
+    if plate is None:
+        raise SessionError(
+            [
+                f"capture {capture.name!r}: no single capture of the bare plate (kind reference) with the same steps "
+                "was found to subtract; add one, or measure without subtracting the plate"
+            ]
+        )
+    phase = phase_of_capture(plate, wave=calibration.wave)
+    return reconstruct_height(filtered_phase(phase, before), calibration, model=model)
 
 
 def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:

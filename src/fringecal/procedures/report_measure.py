@@ -35,7 +35,7 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
     """
     return Report(
         title=f"Surface of {found.capture.name}",
-        subtitle=f"Height model: {found.model}",
+        subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence))),
         verdict=Verdict("info", _sentence(found)),
         facts=_facts(found),
         sections=(
