@@ -15,7 +15,6 @@ from fringecal.report.style import (
     HEIGHT_MAP,
     INK,
     ORANGE,
-    SKY,
     colourbar,
     image_axes,
     new_figure,
@@ -23,6 +22,7 @@ from fringecal.report.style import (
     styled,
 )
 
+_PALE = 0.45  # the picture behind its breaks: full black and white would drown them
 _NEAR_BREAKS = 40  # breaks in the enlarged part of the picture
 
 
@@ -112,10 +112,10 @@ def breaks_overlay(picture: np.ndarray, breaks: Breaks, *, rows: bool = True) ->
     rows
         True where the fringes run along rows: shifts are then along columns.
     """
-    figure = new_figure(9.0, 4.6)
+    figure = new_figure(9.0, 5.0)
     whole, near = figure.subplots(1, 2)
-    for axes, size in ((whole, 0.6), (near, 5.0)):
-        axes.imshow(picture, cmap="gray")
+    for axes, size in ((whole, 2.0), (near, 7.0)):
+        axes.imshow(picture, cmap="gray", alpha=_PALE)
         _draw_breaks(axes, breaks, rows=rows, size=size)
         image_axes(axes)
     middle = np.median(breaks.u_px), np.median(breaks.v_px)
@@ -123,7 +123,7 @@ def breaks_overlay(picture: np.ndarray, breaks: Breaks, *, rows: bool = True) ->
     reach = float(np.sort(distance)[min(_NEAR_BREAKS, distance.size - 1)]) + 2.0
     near.set_xlim(middle[0] - reach, middle[0] + reach)
     near.set_ylim(middle[1] + reach, middle[1] - reach)
-    near.set_title("about the middle")
+    near.set_title("enlarged, about the middle")
     whole.set_title(f"{np.count_nonzero(breaks.used)} breaks")
     figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
@@ -134,13 +134,14 @@ def _draw_breaks(axes: Axes, breaks: Breaks, *, rows: bool, size: float) -> None
     on_strip = np.column_stack([breaks.u_px, breaks.v_px])
     on_plate = on_strip - (back if rows else back[:, ::-1])
     used = breaks.used
-    axes.add_collection(LineCollection(list(np.stack([on_plate, on_strip], axis=1)[used]), colors=SKY, lw=0.25 * size))
+    axes.add_collection(LineCollection(list(np.stack([on_plate, on_strip], axis=1)[used]), colors=INK, lw=0.2 * size))
     for points, chosen, colour, marker, label in (
-        (on_plate, used, BLUE, ".", "the fringe on the plate, carried across"),
-        (on_strip, used, ORANGE, ".", "the same fringe on the strip"),
+        (on_plate, used, BLUE, "o", "the fringe on the plate, carried across"),
+        (on_strip, used, ORANGE, "o", "the same fringe on the strip"),
         (on_strip, ~used, INK, "x", "left out"),
     ):
-        axes.plot(*points[chosen].T, marker, color=colour, ms=size, mew=0.2 * size, ls="", label=label)
+        edge = {"mec": "white", "mew": 0.1 * size} if marker == "o" else {"mew": 0.3 * size}
+        axes.plot(*points[chosen].T, marker, color=colour, ms=size, ls="", label=label, **edge)
 
 
 @styled
@@ -162,10 +163,10 @@ def angle_field(calibration: RigCalibration, field_mm: tuple[float, float, float
     angle = np.degrees(projection_angle(calibration.model, x, y))
     scale = Normalize(float(angle.min()), float(angle.max()))
     lines = axes.contour(x, y, angle, levels=9, linewidths=1.2, norm=scale, cmap=HEIGHT_MAP)
-    axes.clabel(lines, fmt="%.1f°", fontsize=8)
+    axes.clabel(lines, fmt="%.1f°", fontsize=8, colors=INK)
     used = breaks.used
     dots = axes.scatter(
-        breaks.x_mm[used], breaks.y_mm[used], c=breaks.angle_deg[used], s=5, lw=0, norm=scale, cmap=HEIGHT_MAP
+        breaks.x_mm[used], breaks.y_mm[used], c=breaks.angle_deg[used], s=12, lw=0, norm=scale, cmap=HEIGHT_MAP
     )
     colourbar(axes, dots, "angle from the plate's normal / deg")
     plate_axes(axes)

@@ -1,6 +1,7 @@
 """The rig to scale, from the side and from above."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,7 @@ from matplotlib.patches import Arc, Ellipse, Rectangle
 from fringecal.report.style import AMBER, BLUE, GREY, INK, ORANGE, SKY, new_figure, styled
 
 _AXES = "xyz"
+_CROSS: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9.0, "mew": 1.2, "zorder": 4}
 # Square root of the 95 % point of chi-squared with 2 degrees of freedom.
 _K_PLANE = 2.4477
 
@@ -117,7 +119,9 @@ def _draw_pupil(axes: Axes, pupil: Pupil, plane: tuple[int, int], colour: str) -
     """Mark a pupil and, to scale, its 95 % region (for two free coordinates: 2.45 u)."""
     centre, u = (np.asarray(part, dtype=float)[list(plane)] for part in (pupil.position_mm, pupil.u_mm))
     axes.add_patch(Ellipse(tuple(centre), *(2 * _K_PLANE * u), color=colour, alpha=0.35, lw=0))
-    axes.plot(*centre, marker="o" if colour != GREY else "x", ls="", color=colour, ms=6, label=pupil.label)
+    # A cross over the dot: where both are in one place, both must show.
+    form = {"marker": "o", "color": colour, "ms": 7.0} if colour != GREY else _CROSS
+    axes.plot(*centre, ls="", label=pupil.label, **form)
 
 
 def _draw_angle(axes: Axes, projector_mm: np.ndarray, along: int) -> None:
