@@ -12,7 +12,14 @@ from fringecal.errors import FitError, SessionError
 from fringecal.procedures.camera import CameraFindings, measure_camera
 from fringecal.procedures.commission import Commissioning, commission, projector_of
 from fringecal.procedures.further import strips_captures, strips_target
-from fringecal.projection.angle import ProjectorPosition, angle_estimate, fringe_pitch_mm, theoretical_angle
+from fringecal.projection.angle import (
+    ProjectorPosition,
+    angle_estimate,
+    apparent_angle,
+    fringe_pitch_mm,
+    projection_angle,
+    theoretical_angle,
+)
 from fringecal.projection.breaks import Breaks
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.columns import ColumnAngle, both_axes
@@ -201,9 +208,8 @@ def angle_map(calibration: RigCalibration, shape: tuple[int, int] = _MAP) -> pd.
         for n, size in zip(shape, (camera.width_px, camera.height_px), strict=True)
     )
     rays = camera.rays(*np.meshgrid(u, v))
-    rows = []
-    for x, y in zip(rays.ax.ravel(), rays.ay.ravel(), strict=True):
-        angle, _ = angle_estimate(calibration, float(x), float(y))
-        apparent, _ = angle_estimate(calibration, float(x), float(y), apparent=True)
-        rows.append((x, y, angle.value, angle.u, apparent.value))
-    return pd.DataFrame(rows, columns=["x_mm", "y_mm", "angle_deg", "u_deg", "apparent_deg"])
+    x, y = rays.ax.ravel(), rays.ay.ravel()
+    u_rad = np.linalg.norm(calibration.changes(lambda c: projection_angle(c.model, x, y)), axis=0)
+    angle, apparent = projection_angle(calibration.model, x, y), apparent_angle(calibration.model, camera, x, y)
+    degrees = {"angle_deg": angle, "u_deg": u_rad, "apparent_deg": apparent}
+    return pd.DataFrame({"x_mm": x, "y_mm": y} | {name: np.degrees(value) for name, value in degrees.items()})

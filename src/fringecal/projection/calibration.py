@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate_fit import CameraFit
@@ -81,6 +81,12 @@ class RigCalibration:
         model = RigModel(parameters, projector, residual)
         return replace(self, camera=self.camera.replaced(vector[:cut]), model=model)
 
+    def changes(self, quantity: Callable[["RigCalibration"], ArrayLike]) -> Array:
+        """Return the change of a quantity under one standard uncertainty of each cause, shape (modes, ...)."""
+        base = np.asarray(quantity(self), float)
+        moved = [np.asarray(quantity(self.shifted(mode)), float) - base for mode in self.modes]
+        return np.stack(moved) if moved else np.zeros((0, *base.shape))
+
     def estimate(
         self, quantity: Callable[["RigCalibration"], float], *, unit: str, label: str
     ) -> tuple[Estimate, dict[str, float]]:
@@ -90,7 +96,7 @@ class RigCalibration:
         (JCGM 100:2008, G.2b).
         """
         base = quantity(self)
-        changes = np.array([quantity(self.shifted(m)) - base for m in self.modes])
+        changes = self.changes(quantity)
         budget: dict[str, float] = {}
         for mode, change in zip(self.modes, changes, strict=True):
             budget[mode.label] = math.hypot(budget.get(mode.label, 0.0), float(change))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fringecal.camera.plate import PlateCamera
 from fringecal.projection.angle import (
     ProjectorPosition,
-    angle_estimate,
     apparent_angle,
+    projection_angle,
     projection_tangent,
     theoretical_angle,
 )
@@ -95,15 +95,16 @@ def axis_angles(
     cluster = np.rint(2 * breaks.fringe).astype(np.intp)
     if not by_fringe:
         cluster = cluster + 1_000_000 * breaks.strip
+    near = [(np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced) for place in places_px]
+    kept = [(float(p), n) for p, n in zip(places_px, near, strict=True) if np.count_nonzero(n) >= _MIN_BREAKS]
+    points = [point_on_axis(calibration.camera, place, axis) for place, _ in kept]
+    shared = _shared_u_deg(calibration, points)
     rows = []
-    for place in places_px:
-        near = (np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced)
-        if np.count_nonzero(near) >= _MIN_BREAKS:
-            offset = clustered_mean(reduced[near], cluster[near])
-            shifts = float(np.mean(breaks.shift_px[near])), float(np.mean(breaks.shift_mm[near]))
-            rows.append(
-                _row(calibration, float(place), axis, (int(np.count_nonzero(near)), *shifts), offset, projector)
-            )
+    for (place, some), point, u_deg in zip(kept, points, shared, strict=True):
+        offset = clustered_mean(reduced[some], cluster[some])
+        seen = int(np.count_nonzero(some)), float(np.mean(breaks.shift_px[some])), float(np.mean(breaks.shift_mm[some]))
+        row = _Row(place, axis, point, seen, offset, float(u_deg))
+        rows.append(_tabulated(calibration, row, projector))
     return tuple(rows)
 
 
@@ -137,41 +138,52 @@ def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
     return low + width * (np.arange(_PLACES) + 0.5), width / 2
 
 
-def _row(  # noqa: PLR0913, PLR0917 -- private: one row of the table
-    calibration: RigCalibration,
-    place: float,
-    axis: Axis,
-    seen: tuple[int, float, float],
-    offset: tuple[float, float, float],
-    projector: ProjectorPosition | None,
-) -> ColumnAngle:
-    x, y = point_on_axis(calibration.camera, place, axis)
+@dataclass(frozen=True)
+class _Row:
+    """What one row is made of: place, point on the line, breaks and mean shifts, offset of the breaks, shared u."""
+
+    place_px: float
+    axis: Axis
+    point_mm: tuple[float, float]
+    seen: tuple[int, float, float]
+    offset: tuple[float, float, float]
+    shared_u_deg: float
+
+
+def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> ColumnAngle:
+    x, y = row.point_mm
     tangent = float(projection_tangent(calibration.model, x, y))
-    value = math.degrees(math.atan(tangent + offset[0]))
-    angle = _with_causes(calibration, (x, y), value, math.degrees(offset[1] / (1 + tangent**2)), offset[2])
-    apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + offset[0]
+    mean, u, dof = row.offset
+    scatter_deg = math.degrees(u / (1 + tangent**2))
+    angle = _with_causes(math.degrees(math.atan(tangent + mean)), scatter_deg, dof, row.shared_u_deg)
+    apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + mean
     stated = () if projector is None else (calibration.model, projector)
+    breaks, shift_px, shift_mm = row.seen
     return ColumnAngle(
-        u_px=place,
-        x_mm=x if axis == "u" else y,
-        breaks=seen[0],
-        shift_px=seen[1],
-        shift_mm=seen[2],
+        u_px=row.place_px,
+        x_mm=x if row.axis == "u" else y,
+        breaks=breaks,
+        shift_px=shift_px,
+        shift_mm=shift_mm,
         angle=angle,
         apparent_deg=math.degrees(math.atan(apparent)),
         theory=theoretical_angle(*stated, x, y) if stated else None,
         theory_apparent=theoretical_apparent(*stated, calibration.camera, x, y) if stated else None,
-        axis=axis,
+        axis=row.axis,
     )
 
 
-def _with_causes(
-    calibration: RigCalibration, point_mm: tuple[float, float], value_deg: float, scatter_deg: float, dof: float
-) -> Estimate:
+def _shared_u_deg(calibration: RigCalibration, points_mm: list[tuple[float, float]]) -> Array:
+    """Return u of the angle in deg at each point by the causes that all breaks share."""
+    x, y = np.array(points_mm).reshape(-1, 2).T
+    changes = calibration.changes(lambda c: projection_angle(c.model, x, y))
+    shared = [mode.label != SCATTER for mode in calibration.modes]
+    return np.asarray(np.degrees(np.linalg.norm(changes[shared], axis=0)))
+
+
+def _with_causes(value_deg: float, scatter_deg: float, dof: float, shared_deg: float) -> Estimate:
     """Join the breaks' own scatter with the causes that all breaks share; degrees of freedom by Welch-Satterthwaite."""
-    _, budget = angle_estimate(calibration, *point_mm)
-    shared = math.sqrt(sum(change**2 for cause, change in budget.items() if cause != SCATTER))
-    u = math.hypot(scatter_deg, shared)
+    u = math.hypot(scatter_deg, shared_deg)
     effective = dof * (u / scatter_deg) ** 4 if scatter_deg > 0 else math.inf
     return Estimate(value_deg, u, "deg", "projection angle", effective)
 

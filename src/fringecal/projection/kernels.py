@@ -25,6 +25,13 @@ def _residual(x, y, grid, box):  # type: ignore[no-untyped-def]
     return total
 
 
+@njit(cache=True)
+def residual_at_few(x, y, grid, box, out):  # type: ignore[no-untyped-def]
+    """Write the plate residual at flat arrays of plate points, in one thread."""
+    for k in range(x.size):
+        out[k] = _residual(x[k], y[k], grid, box)
+
+
 @njit(cache=True, parallel=True)
 def residual_at(x, y, grid, box, out):  # type: ignore[no-untyped-def]
     """Write the plate residual at flat arrays of plate points."""

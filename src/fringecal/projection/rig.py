@@ -40,10 +40,9 @@ class PlateResidual:
         out = np.zeros(x.shape)
         if not np.any(self.coefficients):
             return out
-        if x.size < _FEW_POINTS:
-            return np.asarray(chebyshev.chebval2d(*self._unit(x, y), self.grid))
         flat = (np.ascontiguousarray(c).ravel() for c in (x, y))
-        kernels.residual_at(*flat, self.grid, np.array(self.box), out.reshape(-1))
+        evaluate = kernels.residual_at_few if x.size < _FEW_POINTS else kernels.residual_at
+        evaluate(*flat, self.grid, np.array(self.box), out.reshape(-1))
         return out
 
     @property
