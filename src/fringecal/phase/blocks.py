@@ -88,16 +88,41 @@ def measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None)
     if not valid.any():
         raise PhaseError("no pixel carries a phase, so no step can be measured: check exposure and stated steps")
     unwrapped = unwrap(map_.phase, valid)
-    height, width = valid.shape
     rows, columns = _block_shape(fringe_period(map_.phase, valid), valid.shape)
-    blocks = []
-    for top in range(0, max(height - rows, 0) + 1, rows):
-        for left in range(0, max(width - columns, 0) + 1, columns):
-            window = _sampled(top, left, rows, columns)
-            block = _measure_block(grey[:, *window], unwrapped.phase[window], unwrapped.pieces[window], window)
-            if block is not None:
-                blocks.append(block)
+    tiles = _Tiles(rows, columns, valid.shape[1] // columns)
+    blocks: list[Block] = []
+    for top in range(0, max(valid.shape[0] - rows, 0) + 1, rows):
+        row = [tiles.of(part, top) for part in (unwrapped.phase, unwrapped.pieces, *grey)]
+        blocks += _measure_row(row[0], row[1], np.stack(row[2:], axis=1), tiles, top)
     return blocks
+
+
+@dataclass(frozen=True)
+class _Tiles:
+    """Blocks side by side in a picture: their size in px, and how many there are in a row of them."""
+
+    rows: int
+    columns: int
+    number: int
+
+    @property
+    def steps(self) -> tuple[int, int]:
+        """Thinning along v and u where blocks are large: long fringes need no dense samples."""
+        return -(-self.rows // _MAX_SAMPLES_ALONG), -(-self.columns // _MAX_SAMPLES_ALONG)
+
+    def of(self, picture: NDArray, top: int) -> NDArray:
+        """Return the samples of one row of blocks, (number, samples)."""
+        step_v, step_u = self.steps
+        strip = picture[top : top + self.rows : step_v, : self.number * self.columns]
+        parts = strip.reshape(len(strip), self.number, self.columns)[:, :, ::step_u]
+        return parts.transpose(1, 0, 2).reshape(self.number, -1)
+
+    @property
+    def places(self) -> tuple[NDArray, NDArray]:
+        """Column and row of every sample within its block, in samples, (samples,) each."""
+        step_v, step_u = self.steps
+        columns, rows = np.meshgrid(np.arange(-(-self.columns // step_u)), np.arange(-(-self.rows // step_v)))
+        return columns.ravel().astype(float), rows.ravel().astype(float)
 
 
 def _block_shape(period: FringePeriod, shape: tuple[int, ...]) -> tuple[int, int]:
@@ -111,66 +136,93 @@ def _block_shape(period: FringePeriod, shape: tuple[int, ...]) -> tuple[int, int
     return min(rows, max(shape[0], 1)), min(columns, max(shape[1], 1))
 
 
-def _sampled(top: int, left: int, rows: int, columns: int) -> tuple[slice, slice]:
-    """Return the window of a block, thinned where it is large: long fringes need no dense samples."""
-    step_v, step_u = (-(-length // _MAX_SAMPLES_ALONG) for length in (rows, columns))
-    return slice(top, top + rows, step_v), slice(left, left + columns, step_u)
+def _measure_row(phase: NDArray, pieces: NDArray, grey: NDArray, tiles: _Tiles, top: int) -> list[Block]:
+    """Measure all frames of a row of blocks against their smooth phase; blocks that are not smooth are left out.
+
+    `phase` and `pieces` are (blocks, samples), `grey` (blocks, N, samples).
+    """
+    use = _largest_piece(pieces)
+    some = use.mean(axis=1) >= _LEAST_VALID_SHARE
+    if not some.any():
+        return []
+    use, phase, grey = use[some], np.where(use, phase, 0.0)[some], grey[some]
+    quadratic, centre = _quadratic(use, tiles)
+    carrier, ripple, roughness = _carrier(quadratic, phase, use)
+    span = np.ptp(np.where(use, carrier, carrier.min(axis=1, where=use, initial=np.inf)[:, None]), axis=1)
+    good = (roughness <= _MAX_ROUGHNESS_RAD) & (span >= 2 * np.pi * _LEAST_CYCLES_IN_BLOCK)
+    if not good.any():
+        return []
+    left = tiles.columns * np.flatnonzero(some)[good]
+    u_px, v_px = left + centre[0][good] * tiles.steps[1], top + centre[1][good] * tiles.steps[0]
+    signal, background, harmonics, *spread = _fit_frames(grey[good], carrier[good], quadratic[good], use[good])
+    spreads = (part.tolist() for part in spread)
+    rows = zip(u_px.tolist(), v_px.tolist(), signal, background, harmonics, ripple[good], *spreads, strict=True)
+    return [Block(*row) for row in rows]
 
 
-def _measure_block(grey: NDArray, phase: NDArray, pieces: NDArray, window: tuple[slice, slice]) -> Block | None:
-    """Measure all frames of one block against its smooth phase; None where the block is not smooth."""
-    largest = np.bincount(pieces[pieces > 0]).argmax() if (pieces > 0).any() else 0
-    use = pieces == largest
-    if largest == 0 or use.mean() < _LEAST_VALID_SHARE:
-        return None
-    rows, columns = np.nonzero(use)
-    x = (columns - columns.mean()) / phase.shape[1]
-    y = (rows - rows.mean()) / phase.shape[0]
-    quadratic = np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
-    carrier, ripple, roughness = _carrier(quadratic, phase[use])
-    if roughness > _MAX_ROUGHNESS_RAD or np.ptp(carrier) < 2 * np.pi * _LEAST_CYCLES_IN_BLOCK:
-        return None
-    u = window[1].start + columns.mean() * window[1].step
-    v = window[0].start + rows.mean() * window[0].step
-    return _fit_frames(grey[:, use].astype(np.float64), carrier, quadratic, ripple, (float(u), float(v)))
+def _largest_piece(pieces: NDArray) -> NDArray[np.bool_]:
+    """Return where each block shows its largest connected piece, (blocks, samples)."""
+    use = np.zeros(pieces.shape, bool)
+    for found, row in zip(use, pieces, strict=True):
+        lit = row[row > 0]
+        if lit.size:
+            found[:] = row == (lit[0] if (lit == lit[0]).all() else np.bincount(lit).argmax())
+    return use
 
 
-def _carrier(quadratic: NDArray, phase: NDArray) -> tuple[NDArray, NDArray[np.complex128], float]:
+def _quadratic(use: NDArray[np.bool_], tiles: _Tiles) -> tuple[NDArray, tuple[NDArray, NDArray]]:
+    """Return 1, x, y, x x, x y, y y about each block's centre, 0 where not used, (blocks, 6, samples); and centres."""
+    number = use.sum(axis=1)
+    places = tiles.places
+    centre = (use @ places[0] / number, use @ places[1] / number)
+    x, y = ((p - c[:, None]) / (p.max() + 1) for p, c in zip(places, centre, strict=True))
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) * use[:, None], centre
+
+
+def _waves(phase: NDArray, orders: tuple[int, ...]) -> NDArray:
+    """Return cosine and sine of multiples of a phase by turns, (blocks, 2 orders, samples)."""
+    turned = np.exp(1j * phase)
+    return np.stack([part for k in orders for part in ((turned**k).real, (turned**k).imag)], axis=1)
+
+
+def _carrier(
+    quadratic: NDArray, phase: NDArray, use: NDArray[np.bool_]
+) -> tuple[NDArray, NDArray[np.complex128], NDArray]:
     """Fit a quadratic and a ripple together; return the quadratic, the ripple's amplitudes and the rms left."""
-    waves = [f(k * phase) for k in RIPPLE_ORDERS for f in (np.cos, np.sin)]
-    basis = np.column_stack([quadratic, *waves])
+    basis = np.concatenate([quadratic, _waves(phase, RIPPLE_ORDERS) * use[:, None]], axis=1)
     # Normal equations: few well-scaled columns, thousands of rows; a trace keeps them regular.
-    normal = basis.T @ basis
-    normal[np.diag_indices_from(normal)] *= 1 + 1e-9
-    coefficients = np.linalg.solve(normal, basis.T @ phase)
-    left = phase - basis @ coefficients
-    pairs = coefficients[quadratic.shape[1] :].reshape(-1, 2)
-    return quadratic @ coefficients[: quadratic.shape[1]], pairs @ [1, 1j], float(np.sqrt(np.mean(left**2)))
+    normal = basis @ basis.mT
+    normal *= 1 + 1e-9 * np.eye(normal.shape[-1])
+    coefficients = np.linalg.solve(normal, basis @ phase[:, :, None])
+    left = phase - (coefficients.mT @ basis)[:, 0]
+    pairs = coefficients[:, 6:, 0].reshape(len(phase), -1, 2)
+    carrier = (coefficients[:, :6].mT @ quadratic)[:, 0]
+    return carrier, pairs @ [1, 1j], np.sqrt(np.sum(left**2, axis=1) / use.sum(axis=1))
 
 
 def _fit_frames(
-    grey: NDArray, carrier: NDArray, quadratic: NDArray, ripple: NDArray, centre: tuple[float, float]
-) -> Block:
-    """Fit every frame of a block by shading, carrier with a slope, and harmonics."""
-    slopes = quadratic[:, :3]
-    waves = [f(k * carrier) for k in HARMONICS for f in (np.cos, lambda x: -np.sin(x))]
-    basis = np.concatenate(
-        [quadratic, slopes * np.cos(carrier)[:, None], slopes * -np.sin(carrier)[:, None], np.column_stack(waves)],
-        axis=1,
-    )
-    coefficients = np.linalg.solve(basis.T @ basis, basis.T @ grey.T)
-    residual = grey.T - basis @ coefficients
-    signal = coefficients[6] + 1j * coefficients[9]
-    harmonics = coefficients[12::2] + 1j * coefficients[13::2]
-    return Block(*centre, signal, coefficients[0], harmonics, ripple, _rms(residual), _noise(residual, grey.T))
+    grey: NDArray, carrier: NDArray, quadratic: NDArray, use: NDArray[np.bool_]
+) -> tuple[NDArray, NDArray, NDArray, NDArray, NDArray]:
+    """Fit every frame by shading, carrier with a slope, and harmonics: signal, background, harmonics, rms, noise."""
+    slopes, frames = quadratic[:, :3], grey * use[:, None].astype(float)
+    cosine, sine = np.cos(carrier)[:, None], -np.sin(carrier)[:, None]
+    waves = _waves(-carrier, HARMONICS) * use[:, None]
+    basis = np.concatenate([quadratic, slopes * cosine, slopes * sine, waves], axis=1)
+    coefficients = np.linalg.solve(basis @ basis.mT, basis @ frames.mT)
+    residual = frames - coefficients.mT @ basis
+    signal = coefficients[:, 6] + 1j * coefficients[:, 9]
+    harmonics = coefficients[:, 12::2] + 1j * coefficients[:, 13::2]
+    number = use.sum(axis=1)
+    return signal, coefficients[:, 0], harmonics, _rms(residual, number), _noise(residual, frames, number)
 
 
-def _rms(residual: NDArray) -> float:
-    return float(np.sqrt(np.mean(residual**2)))
+def _rms(residual: NDArray, number: NDArray) -> NDArray:
+    """Rms over all frames and the `number` of samples used in each block; residuals are 0 elsewhere."""
+    return np.asarray(np.sqrt(np.sum(residual**2, axis=(1, 2)) / (number * residual.shape[1])))
 
 
-def _noise(residual: NDArray, grey: NDArray) -> float:
-    """Return the rms residual without texture: in each pixel (row) the part in proportion to its light."""
+def _noise(residual: NDArray, grey: NDArray, number: NDArray) -> NDArray:
+    """Return the rms residual without texture: in each pixel the part in proportion to its light."""
     n = grey.shape[1]
     texture = (residual * grey).sum(axis=1) / np.maximum((grey * grey).sum(axis=1), 1e-12)
-    return _rms(residual - texture[:, None] * grey) * float(np.sqrt(n / (n - 1)))
+    return _rms(residual - texture[:, None] * grey, number) * np.sqrt(n / (n - 1))
