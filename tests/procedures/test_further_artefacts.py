@@ -24,7 +24,7 @@ BARS = {"name": "bars", "kind": "artefact", "use": "calibration", "target": "ang
 def small_rig():
     rig = load_rig("thesis")
     captures = [c.model_dump() for c in rig.capture if c.name in ("grid", "reference", "strips")]
-    small = {"width_px": 400, "height_px": 375, "scale_mm_per_px": 0.734 * 1.6}
+    small = {"width_px": 320, "height_px": 300, "scale_mm_per_px": 0.734 * 2}
     return rig.at(camera=small, capture=[*captures, STEPS])
 
 

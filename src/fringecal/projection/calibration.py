@@ -212,11 +212,12 @@ def calibrate_rig(
         The captures do not determine the rig.
     """
 
-    def solve(camera: PlateCamera, raised: tuple[int, int] | None = None) -> RigFit:
+    def solve(camera: PlateCamera, raised: tuple[int, int] | None = None, start: RigFit | None = None) -> RigFit:
         return fit_rig(
             observations.surfaces(camera, raised=raised),
             residual_degree=residual_degree,
             projector_near=projector_near,
+            start=start,
         )
 
     camera = camera_fit.camera
@@ -226,12 +227,12 @@ def calibrate_rig(
     for index in range(len(observations.height_mm)):
         for number, doubt in enumerate(observations.doubts_of(index)):
             progress(f"sensitivity to {doubt.label}")
-            effect = _joined(camera, solve(camera, (index, number)).model) - base
+            effect = _joined(camera, solve(camera, (index, number), fit).model) - base
             modes.append(Mode(doubt.label, effect, doubt.dof))
     for label, effect in _camera_effects(camera_fit):
         progress(f"sensitivity to {label}")
         moved = camera.replaced(camera.parameters + effect)
-        modes.append(Mode(label, _joined(moved, solve(moved).model) - base, camera_fit.dof))
+        modes.append(Mode(label, _joined(moved, solve(moved, start=fit).model) - base, camera_fit.dof))
     excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
     return RigCalibration(camera, fit.model, tuple(modes), excess), fit
 

@@ -18,6 +18,7 @@ from fringecal.projection.rig import RigModel, fit_residual, projector_point
 Array = NDArray[np.float64]
 
 _ROUNDS = 6
+_FEW_ROUNDS = 4  # from a fit that is right but for one standard uncertainty of a cause
 _LENGTH = 100.0  # mm; unit of length inside the solver, so that its columns are of one size
 _OUTLIER = 4.5  # robust sigmas
 _MOST_PULL = 0.9  # of the fit toward a single block; beyond it says nothing of its own scatter
@@ -76,6 +77,7 @@ def fit_rig(
     *,
     residual_degree: int = 0,
     projector_near: Array | None = None,
+    start: RigFit | None = None,
 ) -> RigFit:
     """Fit the seven numbers and the plate's smooth residual to surfaces of known height.
 
@@ -87,6 +89,8 @@ def fit_rig(
         Total degree of the plate residual; 0 leaves it out.
     projector_near
         Where the projector is said to stand, in mm: only used to choose the point of its line.
+    start
+        A fit to the same pixels with a slightly other camera or height, to begin from: fewer rounds will do.
 
     Raises
     ------
@@ -98,13 +102,14 @@ def fit_rig(
             "All phase points lie at one height: they cannot tell how phase changes with height. Add a capture of "
             "strips or steps of known height."
         )
-    model = RigModel(_first_guess(surfaces), np.full(3, np.inf))
-    keep = [np.isfinite(s.phase_rad) for s in surfaces]
+    model = RigModel(_first_guess(surfaces), np.full(3, np.inf)) if start is None else start.model
+    keep = [np.isfinite(s.phase_rad) for s in surfaces] if start is None else [np.isfinite(r) for r in start.residuals]
     doubts = [np.zeros(len(s.doubts_mm)) for s in surfaces]
-    for round_number in range(_ROUNDS):
+    rounds = _ROUNDS if start is None else _FEW_ROUNDS
+    for round_number in range(rounds):
         model, doubts = _improve(model, surfaces, keep, doubts)
         model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
-        if residual_degree and round_number < _ROUNDS - 2:
+        if residual_degree and round_number < rounds - 2:
             model = _with_residual(model, surfaces[0], keep[0], residual_degree)
         misfits = [_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True)]
         keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(misfits, surfaces, strict=True)]
