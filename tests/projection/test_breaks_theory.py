@@ -1,5 +1,7 @@
 """Theory from stated positions, the lamp behind a mirror, and where the lamp really stands."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from fringecal.errors import DetectionError, FitError
 from fringecal.projection.angle import ProjectorPosition
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.rig import RigModel
-from fringecal.projection.theory import displacement, reflected_source, theoretical_apparent
+from fringecal.projection.theory import displacement, reflected_source, seen_axes, theoretical_apparent
 from fringecal.projection.whole_fringes import explained, predicted_turns
 
 SHAPE = (601, 801)
@@ -85,6 +87,16 @@ def test_a_lamp_moved_to_the_left_is_said_to_stand_there():
     assert moved.u_mm[0] == pytest.approx(np.hypot(2.0, 1.0), rel=0.01)
     assert not moved.agrees
     assert "about 12 mm (u = 2 mm) further left than stated" in moved.sentence()
+
+
+def test_the_coordinate_along_the_fringes_is_not_named():
+    """Its difference is zero by choice of the point, its u a rounding error: the ratio of the two says nothing."""
+    found = calibration(pinhole_rig(588.0, 1000.0), moved_mode(588.0, 1000.0, 2.0, 0.0))
+    moved = displacement(found, ProjectorPosition(np.array([600.0, 40.0, 1000.0]), np.full(3, 1.0)))
+    moved = replace(moved, difference_mm=np.array([-12.0, -1e-3, 0.0]), covariance=np.diag([5.0, 1e-8, 9.0]))
+    assert "up" not in moved.sentence()
+    assert "down" not in moved.sentence()
+    assert seen_axes(found.model) == (True, False, True)
 
 
 def test_a_lamp_within_its_uncertainty_agrees():

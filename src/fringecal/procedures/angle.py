@@ -8,12 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fringecal.errors import FitError, SessionError
+from fringecal.errors import SessionError
 from fringecal.procedures.camera import CameraFindings, measure_camera
-from fringecal.procedures.commission import Commissioning, commission, projector_of
+from fringecal.procedures.commission import Commissioning, commission, displaced, projector_of
 from fringecal.procedures.further import strips_captures, strips_target
 from fringecal.projection.angle import (
-    ProjectorPosition,
     angle_estimate,
     apparent_angle,
     fringe_pitch_mm,
@@ -26,7 +25,7 @@ from fringecal.projection.columns import ColumnAngle, both_axes
 from fringecal.projection.order import OrderDecision
 from fringecal.projection.phase_breaks import phase_breaks, runs_along_rows
 from fringecal.projection.picture_breaks import PictureEstimator, picture_breaks
-from fringecal.projection.theory import Displacement, displacement
+from fringecal.projection.theory import Displacement
 from fringecal.session import Session
 from fringecal.uncertainty.estimates import Estimate
 
@@ -188,16 +187,9 @@ def _findings(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator 
         budget=budget,
         theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
         order=order,
-        displacement=_displacement(calibration, stated),
+        displacement=displaced(calibration, stated),
         picture=picture,
     )
-
-
-def _displacement(calibration: RigCalibration, stated: ProjectorPosition | None) -> Displacement | None:
-    try:
-        return None if stated is None else displacement(calibration, stated)
-    except FitError:  # parallel light has no position; the theory table still holds
-        return None
 
 
 def angle_map(calibration: RigCalibration, shape: tuple[int, int] = _MAP) -> pd.DataFrame:

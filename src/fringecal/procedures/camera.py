@@ -3,17 +3,21 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from fringecal.camera.distortion import DistortionTest, examine_distortion
 from fringecal.camera.grid_camera import camera_height, fit_grid_camera
 from fringecal.camera.lens import Lens
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.detect.grid import GridDetection, find_grid
-from fringecal.errors import SessionError
+from fringecal.errors import FitError, SessionError
 from fringecal.procedures.lens import KnownLens, known_lens
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
 from fringecal.uncertainty.estimates import Estimate
+
+_WIDEST = 3.0  # field over height: beyond 113 deg of view a pinhole with Brown's terms is no model either
 
 
 @dataclass(frozen=True)
@@ -79,10 +83,35 @@ def measure_camera(session: Session) -> CameraFindings:
 def fit_camera(session: Session, target: LineGrid, detection: GridDetection, lens: Lens | None = None) -> CameraFit:
     """Fit the camera to a detected grid with what the session states of it."""
     known = session.camera
-    return fit_grid_camera(
-        detection,
-        target.pitch_mm.estimate("grid pitch", "mm"),
-        height_mm=None if known.height_mm is None else known.height_mm.estimate("camera height", "mm"),
-        telecentric=known.telecentric,
-        lens=lens,
-    )
+    pitch = target.pitch_mm.estimate("grid pitch", "mm")
+    height = None if known.height_mm is None else known.height_mm.estimate("camera height", "mm")
+    if height is not None:
+        demand_possible_height(height.value, _field_mm(detection, pitch.value))
+    return fit_grid_camera(detection, pitch, height_mm=height, telecentric=known.telecentric, lens=lens)
+
+
+def _field_mm(detection: GridDetection, pitch_mm: float) -> float:
+    """Return the picture's longer side on the plate by the grid's own size in it."""
+    lines = math.hypot(np.ptp(detection.column), np.ptp(detection.row)) * pitch_mm
+    pixels = math.hypot(np.ptp(detection.u_px), np.ptp(detection.v_px))
+    return lines / pixels * max(detection.shape)
+
+
+def demand_possible_height(height_mm: float, field_mm: float) -> None:
+    """Refuse a camera height over which no lens could see so wide a field.
+
+    Raises
+    ------
+    FitError
+        The field is wider than three heights: a lens of 113 deg.
+
+    Examples
+    --------
+    >>> demand_possible_height(1100.0, 470.0)
+    """
+    if field_mm > _WIDEST * height_mm:
+        raise FitError(
+            f"The camera's stated height of {height_mm:g} mm cannot be: the picture is {field_mm:.0f} mm wide on the "
+            f"plate, {field_mm / height_mm:.1f} times that, and no lens sees a field so wide. State camera.height_mm, "
+            f"entrance pupil above the plate, in mm (is it {10 * height_mm:g}?), or correct the pitch of the grid."
+        )

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fringecal.procedures.further import CONTRADICTS
+from fringecal.projection.theory import LAMP_CHANCE
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check
 from fringecal.uncertainty.conformity import decide
@@ -46,7 +47,23 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 "uncertainties (k = 2)",
             )
         )
-    return (*checks, _heights_check(found))
+    return (*checks, *_lamp_check(found), _heights_check(found))
+
+
+def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
+    """Hold the projector found against its stated position, where there is one."""
+    moved = found.displacement
+    if moved is None:
+        return ()
+    return (
+        Check(
+            name="projector against its stated position",
+            value=moved.probability,
+            limit=LAMP_CHANCE,
+            decision="pass" if moved.agrees else "conditionalFail",
+            rule="chance of a displacement as large as found if the position is as stated, at least the limit",
+        ),
+    )
 
 
 def _heights_check(found: "Commissioning") -> Check:

@@ -40,7 +40,7 @@ from fringecal.projection.phase_breaks import phase_breaks
 from fringecal.projection.sampling import pick_points
 from fringecal.projection.strip_orders import OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
-from fringecal.projection.theory import reflected_source
+from fringecal.projection.theory import Displacement, displacement, reflected_source
 from fringecal.projection.whole_fringes import explained
 from fringecal.session import Session
 from fringecal.uncertainty.estimates import Estimate
@@ -95,6 +95,11 @@ class Commissioning:
             "the projector stands elsewhere, or the strips are not as high as their target says."
         )
 
+    @cached_property
+    def displacement(self) -> Displacement | None:
+        """Where the projector stands against where it is said to; None without a stated position, or a source."""
+        return displaced(self.calibration, projector_of(self.session))
+
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader of the record should know besides the numbers."""
@@ -104,7 +109,8 @@ class Commissioning:
         ]
         lens = () if self.camera.lens is None else self.camera.lens.notes
         further = (note for artefact in self.further for note in artefact.notes)
-        return (*orders, *lens, *further, *self.contradictions, self.angle_sentence)
+        moved = () if self.displacement is None or self.displacement.agrees else (self.displacement.sentence(),)
+        return (*orders, *lens, *further, *self.contradictions, *moved, self.angle_sentence)
 
     @cached_property
     def advice(self) -> Advice:
@@ -209,6 +215,14 @@ def projector_of(session: Session) -> ProjectorPosition | None:
         return stated
     point = ProjectorPosition(mirror.point_mm.array(3), mirror.point_mm.u_array(3))
     return reflected_source(stated, point, mirror.normal)
+
+
+def displaced(calibration: RigCalibration, stated: ProjectorPosition | None) -> Displacement | None:
+    """Compare the projector found with the stated one; None where there is nothing to compare."""
+    try:
+        return None if stated is None else displacement(calibration, stated)
+    except FitError:  # parallel light has no position; the theory table still holds
+        return None
 
 
 def _whole_plate(reference: CapturePhase) -> Array:

@@ -101,7 +101,8 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
         facts.insert(2, Fact("Angle in theory", concise(found.theory), "from the stated positions"))
     if not camera.telecentric:
         height = Estimate(camera["height_mm"], math.sqrt(camera.covariance[-1, -1]), "mm")
-        facts.append(Fact("Camera height", concise(height), "entrance pupil above the plate"))
+        origin = "as stated; a grid alone does not show it" if found.camera.lens is None else "by lens and grid"
+        facts.append(Fact("Camera height", concise(height), f"entrance pupil above the plate, {origin}"))
     largest = f"{largest_scale_error_percent(found.camera):.2g} %"
     return (
         *facts,

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES
 from fringecal.procedures.commission import Commissioning, projector_of
+from fringecal.projection.angle import ProjectorPosition
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.rig import RIG_NAMES
+from fringecal.projection.theory import seen_axes
 from fringecal.report.figures_maps import classification_overlay, residual_map
 from fringecal.report.figures_rig import Pupil, rig_drawing
 from fringecal.report.structure import FigureItem, Section, Table
@@ -228,36 +230,45 @@ def _parameters_table(calibration: RigCalibration) -> Table:
     return Table("Rig parameters", frame, note, {"value": ".7g", "u": ".2g"})
 
 
-def projector_estimates(calibration: RigCalibration) -> tuple[Estimate, ...]:
-    """Return x, y and z of the projector's point, mm; none where its light is parallel."""
+def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition | None = None) -> tuple[Estimate, ...]:
+    """Return x, y and z of the projector's point, mm; none where its light is parallel.
+
+    The coordinate along which its line runs is not seen by the fringes: it has the stated value and uncertainty.
+    """
     if not np.all(np.isfinite(calibration.model.projector_mm)):
         return ()
-    return tuple(
+    fitted = (
         calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
         for i, axis in enumerate("xyz")
     )
+    if stated is None:
+        return tuple(fitted)
+    kinds = zip(fitted, seen_axes(calibration.model), stated.u_mm, strict=True)
+    return tuple(e if seen else Estimate(e.value, float(u), "mm", f"{e.label}, stated") for e, seen, u in kinds)
 
 
 def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
     """Tabulate the projector's point beside where the session says it stands."""
-    fitted = projector_estimates(found.calibration)
+    position = projector_of(found.session)
+    fitted = projector_estimates(found.calibration, position)
     if not fitted:
         return ()
-    frame = pd.DataFrame(
-        {"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": [e.u for e in fitted]}
-    )
-    if (stated := projector_of(found.session)) is not None:
-        frame["stated / mm"], frame["u(stated) / mm"] = stated.value_mm, stated.u_mm
-        frame["difference / mm"] = frame["fitted / mm"] - frame["stated / mm"]
-        both = np.hypot(frame["u / mm"], frame["u(stated) / mm"])
+    seen = np.array(seen_axes(found.calibration.model))
+    u = np.array([e.u for e in fitted])
+    frame = pd.DataFrame({"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": u})
+    frame["from"] = np.where(seen, "fringes", "not seen by these fringes")
+    if position is None:
+        frame.loc[~seen, "u / mm"] = np.nan
+    else:
+        frame["from"] = np.where(seen, "fringes", "stated; not seen by these fringes")
+        frame["stated / mm"], frame["u(stated) / mm"] = position.value_mm, position.u_mm
+        frame["difference / mm"] = np.where(seen, frame["fitted / mm"] - position.value_mm, np.nan)
+        both = np.hypot(u, position.u_mm)
         frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
     formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
     formats |= dict.fromkeys(("u / mm", "u(stated) / mm"), ".2g")
-    return (
-        Table(
-            "Position of the projector", frame, "plate frame; along its line the fit follows what is stated", formats
-        ),
-    )
+    note = "plate frame; the coordinate along the fringes cannot be seen by them"
+    return (Table("Position of the projector", frame, note, formats),)
 
 
 def _residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureItem, ...]:
@@ -284,15 +295,18 @@ def _residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureI
 
 def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureItem, ...]:
     """Draw the rig to scale, as fitted and as stated; parallel light has no place to draw."""
-    projector = projector_estimates(calibration)
+    projector = projector_estimates(calibration, projector_of(session))
     if not projector:
         return ()
     camera = calibration.camera
     eye = stated_eye = stated = None
     if not camera.telecentric:
         u_height = math.sqrt(camera.covariance[-1, -1])
-        eye = Pupil("camera, fitted", camera.position_mm, np.array([0.0, 0.0, u_height]))
-        if session.camera.height_mm is not None:
+        # A grid alone shows no height: it is the stated one, and only the tilt is fitted.
+        seen = session.camera.model is not None or bool(session.find("board"))
+        name = "camera, fitted" if seen else "camera, height as stated"
+        eye = Pupil(name, camera.position_mm, np.array([0.0, 0.0, u_height]))
+        if seen and session.camera.height_mm is not None:
             height = session.camera.height_mm
             stated_eye = Pupil("camera, stated", np.array([0.0, 0.0, height.values[0]]), np.array([0, 0, height.us[0]]))
     if (position := projector_of(session)) is not None:

@@ -16,7 +16,8 @@ from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
 
-_CHANCE = 0.05
+LAMP_CHANCE = 0.05  # a displacement that chance explains less often than this is found
+_ALONG = 0.71  # share of a coordinate in the line's direction beyond which the line runs along it
 _WORDS = (("right", "left"), ("up", "down"), ("higher", "lower"))
 
 
@@ -48,7 +49,7 @@ class Displacement:
     @property
     def agrees(self) -> bool:
         """Tell whether chance explains the difference, at 5 %."""
-        return self.probability >= _CHANCE
+        return self.probability >= LAMP_CHANCE
 
     @property
     def u_mm(self) -> Array:
@@ -60,7 +61,8 @@ class Displacement:
         chance = f"chance {self.probability:.2g}"
         if self.agrees:
             return f"The measured geometry agrees with the stated position of the lamp ({chance})."
-        sure = [i for i in range(3) if abs(self.difference_mm[i]) > 2 * self.u_mm[i]]
+        seen = [i for i in range(3) if abs(self.line[i]) < _ALONG]
+        sure = [i for i in seen if abs(self.difference_mm[i]) > 2 * self.u_mm[i]]
         if sure:
             parts = " and ".join(_named(i, self.difference_mm[i], self.u_mm[i]) for i in sure)
             return f"The lamp stands {parts} than stated ({chance}); or the strips' height is not as stated."
@@ -101,6 +103,18 @@ def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Disp
     difference = found - stated.value_mm
     squared = float(difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference)
     return Displacement(found, difference, covariance, line, float(special.chdtrc(2, squared)))
+
+
+def seen_axes(model: RigModel) -> tuple[bool, ...]:
+    """Tell which coordinates (x, y, z) of the projector its fringes see: not the one along which its line runs.
+
+    Examples
+    --------
+    >>> seen_axes(RigModel(np.array([0.6, 0, -0.7, 0, 0, 0, -0.001]), np.array([1200.0, 0, 1000])))
+    (True, False, True)
+    """
+    _, line = projector_line(model.parameters)
+    return tuple(bool(abs(part) < _ALONG) for part in line)
 
 
 def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, normal: ArrayLike) -> ProjectorPosition:
