@@ -56,6 +56,10 @@ def test_a_table_made_by_hand(history, tmp_path):
         ("rig,captured,quantity,value\na,2019-01-01,q,1\na,last May,q,1\n", "row 3: captured is 'last May'"),
         ("rig,captured,quantity,value\n,2019-01-01,q,1\n", "rig is empty"),
         ("rig,captured,quantity,value\na,2019-01-01,q,\n", "has no value"),
+        (
+            "rig,captured,quantity,value,operator\na,2019-01-01,q,1,x\na,2019-01-01,r,1,y\n",
+            "several operator: x, y",
+        ),
     ],
 )
 def test_faults_of_tables_are_named_and_nothing_is_added(history, tmp_path, text, what):

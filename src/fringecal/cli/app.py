@@ -23,6 +23,7 @@ VERBS = (
     "commission",
     "verify",
     "reconstruct",
+    "history",
 )
 
 

@@ -8,6 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
+from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
@@ -28,6 +29,7 @@ def commission(
     session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
     out: Path = typer.Option(..., "--out", help="Folder for the results."),
     limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
+    history: str = typer.Option("", "--history", help="History to append the record to: SQLite file or URL."),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, commission, save, print."""
@@ -54,6 +56,8 @@ def commission(
                 write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)
             write_report(report, staging)
             write_calibration(record, staging)
+    if history:
+        append_record(out, history)
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)

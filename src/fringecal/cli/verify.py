@@ -9,6 +9,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
+from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
@@ -35,6 +36,7 @@ def verify(
     rows: str = typer.Option("", "--rows", help="Rows of the profiles in px, comma-separated."),
     limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
     filters: bool = typer.Option(True, "--filters/--no-filters", help="Rank median and mean filters."),
+    history: str = typer.Option("", "--history", help="History to append the record to: SQLite file or URL."),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, verify, save, print."""
@@ -61,6 +63,8 @@ def verify(
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
             write_verification(record, staging)
+    if history:
+        append_record(out, history)
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)

@@ -146,6 +146,10 @@ def _parsed(value: Any, name: str) -> str | float:
 
 def _entry(group: pd.DataFrame) -> Entry:
     first = group.iloc[0]
+    for name in _OF_ENTRY:
+        if group[name].nunique(dropna=False) > 1:
+            found = ", ".join(map(str, group[name].unique()))
+            raise HistoryError(f"the entry of {first['rig']} at {first['captured']} has several {name}: {found}")
     return Entry(
         rig=first["rig"],
         kind=first["kind"],

@@ -1,0 +1,298 @@
+"""`fringecal history`: the records of all rigs over the years, their control charts and what follows from them."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich import box
+from rich.markup import escape
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import REPORT_FILE, command_line, demand_folder, write_report
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+HELP = """Keep the records of rigs over the years: append, tabulate, chart, export.
+
+The history is an SQLite file, or a PostgreSQL database by URL. Rows are added, never changed.
+
+Example: fringecal history add calibration --db history.db
+"""
+DB = typer.Option(..., "--db", envvar="FRINGECAL_HISTORY", help="SQLite file, or postgresql://user@host/name.")
+RIG = typer.Option(None, "--rig", help="Name of the rig; needed only where the history holds several.")
+JSON = typer.Option(False, "--json", help="Print one JSON document.")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    history = typer.Typer(help=HELP, no_args_is_help=True)
+    history.command(name="add")(add)
+    history.command(name="import")(import_file)
+    history.command(name="show")(show)
+    history.command(name="chart")(chart)
+    history.command(name="msa")(msa)
+    history.command(name="export")(export)
+    app.add_typer(history, name="history")
+
+
+def append_record(folder: Path, db: str) -> None:
+    """Append the record in a folder to a history, for the verbs that make records.
+
+    Raises
+    ------
+    HistoryError
+        The database refuses; the record itself is complete, and can be added later.
+    """
+    from fringecal.errors import HistoryError
+    from fringecal.history.entries import read_entry
+    from fringecal.history.store import open_history
+
+    try:
+        with open_history(db) as history:
+            history.append([read_entry(folder)])
+    except HistoryError as error:
+        hint = f"the results in {folder} are complete; add them with `fringecal history add {folder} --db {db}`"
+        raise HistoryError(f"{error}\n{hint}") from error
+
+
+def add(
+    records: list[Path] = typer.Argument(..., help="Record files, or the folders that hold them.", show_default=False),
+    db: str = DB,
+    as_json: bool = JSON,
+) -> None:
+    """Append records; one that is there already is left as it is.
+
+    Example: fringecal history add calibration verification --db history.db
+    """
+    from fringecal.history.entries import read_entry
+    from fringecal.history.store import open_history
+
+    entries = [read_entry(record) for record in records]
+    with open_history(db) as history:
+        _tell_added(history.append(entries), len(entries), as_json)
+
+
+def import_file(
+    table: Path = typer.Argument(..., help="CSV or Parquet.", show_default=False), db: str = DB, as_json: bool = JSON
+) -> None:
+    """Append the rows of a table: an export, or a table of one's own with rig, captured, quantity and value.
+
+    Example: fringecal history import old-audits.csv --db history.db
+    """
+    from fringecal.history.exchange import import_table
+    from fringecal.history.store import open_history
+
+    with open_history(db) as history:
+        new = import_table(history, table)
+        _tell_added(new, None, as_json)
+
+
+def _tell_added(new: int, given: int | None, as_json: bool) -> None:
+    if as_json:
+        print_json({"added": new})
+    else:
+        known = f", {given - new} were there already" if given is not None and given > new else ""
+        console.print(f"{new} record(s) added{known}", markup=False, highlight=False)
+
+
+def show(db: str = DB, rig: str | None = RIG, as_json: bool = JSON) -> None:
+    """List the records and the quantities in the order of capture.
+
+    Example: fringecal history show --db history.db --rig bench-1
+    """
+    from fringecal.history.store import open_history
+
+    with open_history(db, create=False) as history:
+        entries, readings = history.entries(rig), history.readings(rig)
+    counts = [
+        {"rig": str(one), "quantity": str(quantity), "records": len(group)}
+        for (one, quantity), group in readings.groupby(["rig", "quantity"])
+    ]
+    if as_json:
+        print_json({"format": "fringecal-history/1", "entries": _plain(entries), "quantities": counts})
+        return
+    table = Table(title=f"{len(entries)} record(s)", box=box.SIMPLE_HEAD, padding=0)
+    for heading in ("rig", "captured", "kind", "verdict", "operator", "source"):
+        table.add_column(heading, overflow="fold")
+    for row in _plain(entries):
+        cells = (row["rig"], row["captured"][:16], row["kind"], row["decision"], row["operator"] or "", row["source"])
+        table.add_row(*(escape(cell) for cell in cells))
+    console.print(table)
+    for count in counts:
+        line = f"{count['records']:5d} x {count['rig']} / {count['quantity']}"
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _plain(frame: "pd.DataFrame") -> list[dict[str, Any]]:
+    """Turn a table into rows that JSON can hold: None where something is missing."""
+    return [
+        {str(name): value for name, value in row.items()}
+        for row in frame.astype(object).where(frame.notna(), None).to_dict("records")
+    ]
+
+
+def chart(
+    db: str = DB,
+    rig: str | None = RIG,
+    quantity: list[str] = typer.Option([], "--quantity", help="Quantity to chart; repeat for more. All by default."),
+    limit: float | None = typer.Option(None, "--limit", help="Largest permissible distance from --reference."),
+    reference: float | None = typer.Option(None, "--reference", help="What --limit is counted from, 0 by default."),
+    baseline: int | None = typer.Option(None, "--baseline", help="Records that were in control, from the first."),
+    since: str = typer.Option("", "--since", help="Leave out what was captured before, e.g. the last repair."),
+    out: Path | None = typer.Option(None, "--out", help="Folder for report.html, tables and figures."),
+    as_json: bool = JSON,
+) -> None:
+    """Draw control charts, fit the drift, suggest when to calibrate next.
+
+    Exit code 3 if a chart is in alarm at the last record.
+
+    Example: fringecal history chart --db history.db --quantity "scale, mean" --out charts
+    """
+    from fringecal.history.review import review_series, series_of
+    from fringecal.history.store import open_history
+    from fringecal.procedures.report_history import history_report, history_verdict, review_table
+
+    if (limit is not None or reference is not None) and len(quantity) != 1:
+        raise typer.BadParameter("a limit belongs to one quantity: name it with --quantity", param_hint="--limit")
+    if out is not None:
+        demand_folder(out)
+    with open_history(db, create=False) as history:
+        name = _one_rig(history.rigs(), rig)
+        entries, readings = history.entries(name), history.readings(name)
+    readings, entries = (frame[frame["captured"] >= since] for frame in (readings, entries))
+    series = [
+        series_of(readings[readings["quantity"] == one], limit=limit, reference=reference)
+        for one in quantity or sorted(set(readings["quantity"]))
+    ]
+    reviews = [review_series(one, baseline=baseline) for one in series]
+    verdict, table = history_verdict(reviews), review_table(reviews)
+    if out is not None:
+        from fringecal.records.files import result_folder
+
+        command = " ".join(command_line("history", ["chart", "--db", db, "--out", out]))
+        report = history_report(name, entries, reviews, command=command, created=datetime.now(UTC))
+        with result_folder(out, last=REPORT_FILE) as staging:
+            write_report(report, staging)
+    if as_json:
+        print_json(
+            {
+                "format": "fringecal-history-chart/1",
+                "rig": name,
+                "verdict": verdict.sentence,
+                "quantities": _plain(table),
+            }
+        )
+    else:
+        _tell_reviews(reviews, verdict.sentence)
+    if verdict.decision == "conditionalFail":
+        raise typer.Exit(3)
+
+
+def _tell_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]
+    for review in reviews:
+        head = f"{review.series.quantity}: {len(review.series.values)} record(s), last {review.series.values[-1]:.6g}"
+        lines = [f"{head} {review.series.unit}".rstrip()]
+        if review.drift is not None:
+            rate = review.drift.rate
+            lines.append(f"  drift {rate.value:+.3g} {rate.unit}, u {rate.u:.2g}, p {review.drift.p_value:.2g}")
+        lines += [f"  {one.method}: {one.days:.0f} days; {one.reason}" for one in review.intervals]
+        lines += [f"  {note}" for note in review.notes]
+        for line in lines:
+            console.print(line, markup=False, highlight=False, soft_wrap=True)
+    console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+
+
+def _one_rig(rigs: tuple[str, ...], rig: str | None) -> str:
+    from fringecal.errors import HistoryError
+
+    if rig in rigs:
+        return str(rig)
+    if rig is None and len(rigs) == 1:
+        return rigs[0]
+    raise HistoryError(
+        f"{'no rig named' if rig is None else f'no rig {rig!r}'}; the history holds {', '.join(rigs) or 'none'}"
+    )
+
+
+def msa(
+    artefact: str = typer.Argument(..., help="Name of the target that was verified repeatedly.", show_default=False),
+    db: str = DB,
+    rig: str | None = RIG,
+    tolerance: float | None = typer.Option(
+        None, "--tolerance", help="Width of the tolerance in mm, for type-1 studies."
+    ),
+    as_json: bool = JSON,
+) -> None:
+    """Study the rig as a gauge: repeatability and reproducibility, and Cg, Cgk with a tolerance.
+
+    Parts are the certified numbers of the artefact, trials its repeated verifications by each operator.
+
+    Example: fringecal history msa "Step block" --db history.db --tolerance 0.5
+    """
+    from dataclasses import asdict
+
+    from fringecal.history.gauge import anova_study, range_study
+    from fringecal.history.review import repeats_of
+    from fringecal.history.store import open_history
+    from fringecal.history.type_one import type_one_study
+
+    with open_history(db, create=False) as history:
+        repeats = repeats_of(history.readings(_one_rig(history.rigs(), rig)), artefact)
+    document: dict[str, object] = {"format": "fringecal-msa/1", "artefact": artefact, "shape": repeats.readings.shape}
+    several = len(repeats.parts) > 1
+    studies = [method(repeats.readings) for method in (anova_study, range_study) if several]
+    if several:
+        document["gauge"] = [
+            asdict(s) | {"percent": s.percent, "categories": s.categories, "verdict": s.verdict} for s in studies
+        ]
+    if tolerance is not None:
+        document["percent_of_tolerance"] = {s.method: s.percent_of_tolerance(tolerance) for s in studies}
+        pairs = zip(repeats.parts, repeats.readings, repeats.references, strict=True)
+        document["type_one"] = {
+            part: asdict(type_one_study(x.ravel(), float(reference), tolerance)) for part, x, reference in pairs
+        }
+    if as_json:
+        print_json(document)
+    else:
+        _tell_studies(document)
+
+
+def _tell_studies(document) -> None:  # type: ignore[no-untyped-def]
+    parts, operators, trials = document["shape"]
+    lines = [f"{document['artefact']}: {parts} part(s), {operators} operator(s), {trials} trials each"]
+    if "gauge" not in document:
+        lines.append("no gauge R&R: two parts are needed")
+    for s in document.get("gauge", []):
+        lines.append(
+            f"{s['method']}: repeatability {s['repeatability']:.4g} mm, reproducibility {s['reproducibility']:.4g} mm, "
+            f"GRR {s['gauge']:.4g} mm = {s['percent']:.1f} % of the total, ndc {s['categories']:.1f}: {s['verdict']}"
+        )
+    for method, share in document.get("percent_of_tolerance", {}).items():
+        lines.append(f"{method}: six standard deviations of the gauge are {share:.1f} % of the tolerance")
+    for part, t in document.get("type_one", {}).items():
+        verdict = "capable" if not t["reasons"] else "not capable: " + "; ".join(t["reasons"])
+        lines.append(
+            f"{part}: Cg {t['cg']:.2f}, Cgk {t['cgk']:.2f}, bias {t['bias']:+.4g} mm (p {t['p']:.2g}), {verdict}"
+        )
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def export(
+    file: Path = typer.Argument(..., help="File to write: .csv or .parquet.", show_default=False),
+    db: str = DB,
+    rig: str | None = RIG,
+) -> None:
+    """Write the readings as one flat table.
+
+    Example: fringecal history export history.csv --db history.db
+    """
+    from fringecal.history.exchange import export_table
+    from fringecal.history.store import open_history
+
+    with open_history(db, create=False) as history:
+        count = export_table(history, file, rig)
+    console.print(f"{count} row(s) written to {file}", markup=False, highlight=False, soft_wrap=True)

@@ -1,0 +1,175 @@
+"""Reviews of a rig's history and the command that shows them."""
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from fringecal.cli.app import main
+from fringecal.errors import HistoryError
+from fringecal.history.entries import Reading
+from fringecal.history.review import repeats_of, review_series, series_of
+from fringecal.history.store import open_history
+from fringecal.procedures.report_history import history_report, history_verdict, review_table
+from fringecal.report.html import render_html
+
+from .conftest import make_entry
+
+MONTHS = 30
+
+
+def monthly(history, shift=0.0):
+    """Thirty monthly audits: a scale that shifts after two years, and a certified step measured by two operators."""
+    rng = np.random.default_rng(8)
+    for month in range(MONTHS):
+        scale = 0.734 + rng.normal(0, 5e-5) + (shift if month >= 24 else 0.0)
+        step, block = 10 + rng.normal(0, 0.006), 20 + rng.normal(0, 0.006)
+        readings = [
+            Reading("scale, mean", scale, "mm/px", 1e-4, 30.0),
+            Reading("Block: step of 10 mm", step, "mm", 0.01, None, 10.0, 0.003, 0.1),
+            Reading("Block: step of 20 mm", block, "mm", 0.01, None, 20.0, 0.003, 0.1),
+            Reading("check: noise", 0.02, "rad", 0.0, limit=0.1, decision="pass"),
+        ]
+        captured = f"{2024 + month // 12}-{1 + month % 12:02d}-05T08:00:00+00:00"
+        operator = ("ab", "cd")[month % 2]
+        history.append([make_entry(month, captured=captured, readings=readings, operator=operator)])
+
+
+def review_of(history, quantity, **options):
+    return review_series(series_of(history.readings("bench-1", quantity), **options))
+
+
+def test_a_rig_in_control(history):
+    monthly(history)
+    review = review_of(history, "scale, mean")
+    assert review.alarms == ()
+    assert review.baseline.sigma == pytest.approx(5e-5, rel=0.5)  # 20 records: 21 % of chance
+    assert not review.drift.significant
+    assert any("no limit is known" in note for note in review.notes)
+
+
+def test_a_shift_of_two_sigma_raises_the_alarm_of_the_slow_charts(history):
+    monthly(history, shift=1.2e-4)
+    review = review_of(history, "scale, mean", limit=0.001, reference=0.734)
+    assert {"EWMA", "CUSUM"} <= set(review.alarms)
+    for chart in review.charts[2:]:
+        assert 24 <= chart.first_signal <= 29
+    assert history_verdict([review]).decision == "conditionalFail"
+    assert "scale, mean" in history_verdict([review]).sentence
+
+
+def test_certified_quantities_are_charted_as_deviations_with_their_own_limit(history):
+    monthly(history)
+    review = review_of(history, "Block: step of 10 mm")
+    assert abs(review.series.values).max() < 0.05
+    assert review.series.limit == pytest.approx(2 * np.hypot(0.01, 0.003))
+    assert {interval.method for interval in review.intervals} <= {"staircase", "control chart"}
+    assert review.interval.days == min(interval.days for interval in review.intervals)
+
+
+def test_a_value_that_never_changes_has_no_chart_but_a_note(history):
+    monthly(history)
+    review = review_of(history, "check: noise")
+    assert review.charts == ()
+    assert any("all equal" in note for note in review.notes)
+    assert review.series.limit == 0.1
+
+
+def test_few_records_give_notes_and_no_numbers(history):
+    history.append([make_entry(1), make_entry(2)])
+    review = review_of(history, "q1")
+    assert (review.charts, review.drift, review.intervals) == ((), None, ())
+    assert history_verdict([review]).decision == "info"
+    assert review_table([review])["sigma"].isna().all()
+
+
+def test_mixed_rows_are_refused(history):
+    history.append([make_entry(1), make_entry(2, rig="bench-2")])
+    with pytest.raises(HistoryError, match="one rig was needed"):
+        series_of(history.readings(quantity="q1"))
+    with pytest.raises(HistoryError, match="no such quantity"):
+        series_of(history.readings("bench-1", "q99"))
+
+
+def test_repeats_are_arranged_by_part_operator_and_trial(history):
+    monthly(history)
+    repeats = repeats_of(history.readings("bench-1"), "Block")
+    assert repeats.operators == ("ab", "cd")
+    assert repeats.readings.shape == (2, 2, 15)
+    rows = history.readings("bench-1", "Block: step of 20 mm")
+    assert list(repeats.readings[1, 1]) == list(rows[rows["operator"] == "cd"]["value"])
+    assert list(repeats.references) == [10.0, 20.0]
+    with pytest.raises(HistoryError, match="it holds Block"):
+        repeats_of(history.readings("bench-1"), "Blok")
+
+
+def test_one_verification_is_no_study(history):
+    history.append([make_entry(1, readings=[Reading("Ball: size", 50.0, "mm", 0.1, None, 50.0, 0.1)])])
+    with pytest.raises(HistoryError, match="twice at least, found 1"):
+        repeats_of(history.readings("bench-1"), "Ball")
+
+
+def test_the_report_names_alarms_intervals_and_run_lengths(history):
+    monthly(history, shift=2e-4)
+    reviews = [review_of(history, name) for name in ("scale, mean", "Block: step of 10 mm")]
+    page = render_html(history_report("bench-1", history.entries("bench-1"), reviews))
+    for text in ("Out of control at the last record: scale, mean", "10.5", "Next calibration in", "30 records"):
+        assert text in page
+
+
+@pytest.fixture
+def run(capsys):
+    def command(*arguments):
+        code = 0
+        try:
+            main(["history", *(str(a) for a in arguments)])
+        except SystemExit as stop:
+            code = stop.code
+        return code, *capsys.readouterr()
+
+    return command
+
+
+def test_the_command_adds_shows_charts_and_exports(run, tmp_path):
+    db = tmp_path / "h.db"
+    with open_history(db) as history:
+        monthly(history, shift=3e-4)
+    code, out, _ = run("chart", "--db", db, "--quantity", "scale, mean", "--json", "--out", tmp_path / "charts")
+    assert code == 3
+    assert json.loads(out)["quantities"][0]["records"] == MONTHS
+    assert (tmp_path / "charts" / "report.html").is_file()
+    code, out, _ = run("msa", "Block", "--db", db, "--tolerance", "0.5", "--json")
+    document = json.loads(out)
+    assert [study["method"] for study in document["gauge"]] == ["ANOVA", "range"]
+    assert document["type_one"]["Block: step of 10 mm"]["count"] == MONTHS
+    assert run("export", tmp_path / "t.csv", "--db", db)[0] == 0
+    assert len(pd.read_csv(tmp_path / "t.csv")) == 4 * MONTHS
+    assert "0 record(s) added" in run("import", tmp_path / "t.csv", "--db", db)[1]
+    assert json.loads(run("show", "--db", db, "--json")[1])["quantities"][-1]["records"] == MONTHS
+    assert "bench-1" in run("show", "--db", db)[1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "message"),
+    [
+        (("show", "--db", "absent.db"), 1, "no history"),
+        (("add", "absent.json", "--db", "h.db"), 1, "absent.json: cannot be read"),
+        (("chart", "--db", "h.db", "--limit", "1"), 2, "one quantity"),
+        (("chart", "--db", "h.db", "--rig", "x"), 1, "holds none"),
+        (("export", "t.ods", "--db", "h.db"), 1, ".csv or .parquet"),
+    ],
+)
+def test_wrong_use_is_told(run, tmp_path, monkeypatch, arguments, code, message):
+    monkeypatch.chdir(tmp_path)
+    open_history("h.db").close()
+    found, out, error = run(*arguments)
+    assert found == code
+    assert message in " ".join((out + error).split())
+
+
+def test_an_unreachable_history_leaves_the_results_and_says_how_to_add_them(tmp_path):
+    from fringecal.cli.history import append_record
+
+    with pytest.raises(HistoryError, match="results in .* are complete"):
+        append_record(tmp_path, str(tmp_path / "absent" / "h.db"))
