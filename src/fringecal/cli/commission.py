@@ -57,7 +57,7 @@ def commission(
             write_report(report, staging)
             write_calibration(record, staging)
     if history:
-        append_record(out, history)
+        append_record(out / CALIBRATION_FILE, history)
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)

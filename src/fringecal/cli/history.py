@@ -38,8 +38,8 @@ def register(app: typer.Typer) -> None:
     app.add_typer(history, name="history")
 
 
-def append_record(folder: Path, db: str) -> None:
-    """Append the record in a folder to a history, for the verbs that make records.
+def append_record(record: Path, db: str) -> None:
+    """Append a record's file to a history, for the verbs that make records.
 
     Raises
     ------
@@ -52,9 +52,9 @@ def append_record(folder: Path, db: str) -> None:
 
     try:
         with open_history(db) as history:
-            history.append([read_entry(folder)])
+            history.append([read_entry(record)])
     except HistoryError as error:
-        hint = f"the results in {folder} are complete; add them with `fringecal history add {folder} --db {db}`"
+        hint = f"the results in {record.parent} are complete; `fringecal history add {record} --db DB` adds them"
         raise HistoryError(f"{error}\n{hint}") from error
 
 

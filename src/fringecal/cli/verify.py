@@ -64,7 +64,7 @@ def verify(
             write_report(report, staging)
             write_verification(record, staging)
     if history:
-        append_record(out, history)
+        append_record(out / VERIFICATION_FILE, history)
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
