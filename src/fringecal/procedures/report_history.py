@@ -130,8 +130,14 @@ def _quantity(review: Review) -> Section:
 
 
 def _records(entries: pd.DataFrame) -> Section:
-    columns = ["captured", "kind", "decision", "operator", "temperature_degC", "minutes_since_power_on", "source"]
-    frame = entries[columns].rename(
-        columns={"temperature_degC": "temperature / degC", "minutes_since_power_on": "after power-on / min"}
-    )
+    named = {
+        "captured": "captured",
+        "kind": "kind",
+        "decision": "verdict",
+        "operator": "operator",
+        "temperature_degC": "temperature / degC",
+        "minutes_since_power_on": "after power-on / min",
+        "source": "source",
+    }
+    frame = entries[list(named)].set_axis(list(named.values()), axis=1)
     return Section("Records", (), (Table("Records in the history", frame),))
