@@ -13,7 +13,7 @@ from numba import njit, prange
 
 _FAST = {"contract", "nsz"}  # NaN marks masked pixels and must survive
 _TWO_PI = 2 * np.pi
-_ROUNDS = 3  # the residual is smooth: each round gains two to three digits
+_ROUNDS = 2  # the residual is smooth: each round gains two to three digits, and float32 has seven
 
 
 class Rig(NamedTuple):
