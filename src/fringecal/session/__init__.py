@@ -5,6 +5,7 @@ from fringecal.session.document import SessionDocument
 from fringecal.session.faults import Fault
 from fringecal.session.report import CheckReport, check_report, check_schema
 from fringecal.session.session import CameraKnown, Capture, ProjectorKnown, Session
+from fringecal.session.temporary import temporary_session
 from fringecal.session.write import write_session
 
 __all__ = [
@@ -20,5 +21,6 @@ __all__ = [
     "check_schema",
     "check_session",
     "load_session",
+    "temporary_session",
     "write_session",
 ]

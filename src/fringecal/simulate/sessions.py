@@ -12,7 +12,7 @@ import numpy as np
 from fringecal.errors import FringecalError
 from fringecal.simulate.captures import capture_scene, stated_target
 from fringecal.simulate.render import Frames, render
-from fringecal.simulate.rig import CaptureSpec, RigSpec
+from fringecal.simulate.rig import CaptureSpec, RigSpec, StepsSpec
 from fringecal.simulate.sensor import stream
 from fringecal.simulate.truth_files import truth_files
 from fringecal.targets import Target
@@ -53,6 +53,8 @@ def simulate_session(
     *,
     seed: int = 0,
     targets: Mapping[str, Target] | None = None,
+    steps: Mapping[str, StepsSpec] | None = None,
+    with_truth: bool = True,
     progress: Progress = lambda _: None,
 ) -> SimulatedSession:
     """Take all, or some, of a rig's captures.
@@ -68,6 +70,10 @@ def simulate_session(
         depend on which other captures are taken.
     targets
         True artefacts by capture name, where they differ from what the session states of them.
+    steps
+        What the mirror did, by capture name, where captures differ.
+    with_truth
+        Whether the truth goes among the files.
     progress
         Called with each capture's name before it is drawn.
 
@@ -83,15 +89,20 @@ def simulate_session(
     for capture in chosen:
         progress(capture.name)
         target = (targets or {}).get(capture.name) or stated_target(capture)
-        taken[capture.name] = take(rig, capture, target, seed=seed)
+        taken[capture.name] = take(_stepped(rig, (steps or {}).get(capture.name)), capture, target, seed=seed)
     frames = {
         name: frame
         for capture in chosen
         for name, frame in zip(_file_names(rig, capture), taken[capture.name].frames, strict=True)
     }
     files = {_target_file(c): _toml(c.target).encode() for c in chosen if isinstance(c.target, dict)}
-    files |= truth_files(rig, taken, seed=seed)
+    if with_truth:
+        files |= truth_files(rig, taken, seed=seed)
     return SimulatedSession(session_document(rig, chosen, seed=seed), frames, files, taken)
+
+
+def _stepped(rig: RigSpec, steps: StepsSpec | None) -> RigSpec:
+    return rig if steps is None else rig.model_copy(update={"steps": steps})
 
 
 def take(rig: RigSpec, capture: CaptureSpec, target: Target | None = None, *, seed: int = 0) -> Frames:
