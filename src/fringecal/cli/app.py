@@ -24,6 +24,7 @@ VERBS = (
     "verify",
     "reconstruct",
     "history",
+    "study",
 )
 
 

@@ -60,7 +60,6 @@ class Commissioning:
     camera: CameraFindings
     reference: CapturePhase
     strips_capture: CapturePhase
-    examined: tuple[Examination, ...]
     strips: StripPhase
     orders: dict[float, OrderDecision]
     observations: Observations
@@ -71,7 +70,6 @@ class Commissioning:
     apparent: Estimate
     theory: Estimate | None
     pitch_mm: float
-    columns: tuple[ColumnAngle, ...]
     plate_phase_rad: Array
     further: tuple[FurtherArtefact, ...] = ()
 
@@ -111,6 +109,21 @@ class Commissioning:
         further = (note for artefact in self.further for note in artefact.notes)
         moved = () if self.displacement is None or self.displacement.agrees else (self.displacement.sentence(),)
         return (*orders, *lens, *further, *self.contradictions, *moved, self.angle_sentence)
+
+    @cached_property
+    def columns(self) -> tuple[ColumnAngle, ...]:
+        """The angle that the strips' breaks show column by column; computed when first asked for."""
+        labels = self.strips.regions.labels
+        breaks = phase_breaks(self.calibration, self.observations, labels, surfaces=len(self.orders))
+        return both_axes(self.calibration, breaks, projector=projector_of(self.session))[0]
+
+    @cached_property
+    def examined(self) -> tuple[Examination, ...]:
+        """What the doctor finds in plate and strips; looked for when first asked."""
+        plate, strips = self.reference, self.strips_capture
+        same = plate.capture.steps_rad == strips.capture.steps_rad
+        beside = plate.capture if same else None
+        return (examine(plate, self.calibration), examine(strips, self.calibration, plate=beside))
 
     @cached_property
     def advice(self) -> Advice:
@@ -190,7 +203,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
             calibration, fit = solve(observations)
             if not any(artefact.seen.left_out for artefact in further):
                 break
-    progress("projection angle column by column")
+    progress("projection angle")
     captures = (reference, strips_capture)
     calibration = replace(calibration, wave=wave)
     found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
@@ -278,13 +291,11 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
     angle, budget = angle_estimate(calibration)
     apparent, _ = angle_estimate(calibration, apparent=True)
     stated = projector_of(session)
-    breaks = phase_breaks(calibration, observations, strips.regions.labels, surfaces=len(orders))
     return Commissioning(
         session=session,
         camera=camera,
         reference=captures[0],
         strips_capture=captures[1],
-        examined=_examined(captures, calibration),
         strips=strips,
         orders=orders,
         observations=observations,
@@ -295,13 +306,5 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
         apparent=apparent,
         theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
         pitch_mm=float(fringe_pitch_mm(calibration.model)),
-        columns=both_axes(calibration, breaks, projector=stated)[0],
         plate_phase_rad=plate_phase,
     )
-
-
-def _examined(captures: tuple[CapturePhase, CapturePhase], calibration: RigCalibration) -> tuple[Examination, ...]:
-    """Let the doctor look at plate and strips."""
-    plate, strips = captures
-    same = plate.capture.steps_rad == strips.capture.steps_rad
-    return (examine(plate, calibration), examine(strips, calibration, plate=plate.capture if same else None))

@@ -8,10 +8,10 @@ import numpy as np
 
 from fringecal.simulate import RigSpec, SimulatedSession, simulate_session
 from fringecal.simulate.captures import stated_target
-from fringecal.simulate.rig import CaptureSpec, StepsSpec
+from fringecal.simulate.rig import StepsSpec
 from fringecal.targets import Target
 
-PICTURE_PX = (400, 300)  # small, so that a rig takes seconds
+PICTURE_PX = (320, 240)  # small, so that a rig takes seconds
 STEP_ERROR_DEG = 1.5  # standard deviation: a mirror turned by hand
 
 _CERTIFICATE = "virtual: the true size is off by a normal error of the stated u"
@@ -69,15 +69,16 @@ def draw_rig(number: int, *, seed: int = 0, spec: RigSpec | None = None) -> Draw
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     if spec is None:
         spec = _random_spec(rng, number)
-    captures = [c for c in spec.capture if c.kind in ("grid", "reference", "strips")]
-    spec = spec.at(capture=[c.model_dump() for c in captures])
-    targets = {c.name: _true_target(rng, c) for c in captures if c.target is not None}
+    captures = tuple(c for c in spec.capture if c.kind in ("grid", "reference", "strips"))
+    spec = spec.model_copy(update={"capture": captures})
+    stated = {c.name: stated_target(c) for c in captures}
+    targets = {name: _true_target(rng, target) for name, target in stated.items() if target is not None}
     steps = {c.name: _true_steps(rng, spec.steps) for c in captures if c.kind != "grid"}
     return DrawnRig(number, spec, targets, steps, int(rng.integers(2**31)))
 
 
 def _random_spec(rng: Draw, number: int) -> RigSpec:
-    scale = rng.uniform(0.65, 0.9)
+    scale = rng.uniform(0.85, 1.1)
     steps_deg = _STEPS_DEG[int(rng.integers(len(_STEPS_DEG)))]
     return RigSpec.model_validate(
         {
@@ -162,10 +163,9 @@ def _place(rng: Draw) -> dict[str, Any]:
     return {"position_mm": rng.uniform(-3.0, 3.0, 2).tolist(), "rotation_deg": rng.uniform(-0.6, 0.6)}
 
 
-def _true_target(rng: Draw, capture: CaptureSpec) -> Target:
+def _true_target(rng: Draw, stated: Target) -> Target:
     """Return the artefact as it is: what the rig hangs on is off by a normal error of its stated u."""
-    stated = stated_target(capture)
-    name = "pitch_mm" if capture.kind == "grid" else "height_mm"
+    name = "pitch_mm" if stated.kind == "line-grid" else "height_mm"
     size = getattr(stated, name)
     true = size.model_copy(update={"value": size.value + size.u * float(rng.standard_normal())})
     return stated.model_copy(update={name: true})

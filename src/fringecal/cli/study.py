@@ -1,0 +1,120 @@
+"""`fringecal study`: many random virtual rigs commissioned, to see whether the stated uncertainties hold."""
+
+import json
+import time
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.table import Table
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
+
+if TYPE_CHECKING:
+    from fringecal.procedures.study_summary import StudySummary
+
+HELP = """Commission many random virtual rigs and compare what was found with what is true.
+
+Reports for scale, angle at the origin and heights at check points: bias, spread against stated u, and the coverage
+of 95 % intervals with its binomial band. Each rig's result is kept in DIR: the same command goes on where an
+interrupted one stood. The numbers depend on the seed, and not on who computes them.
+
+Example: fringecal study --rigs 2 --out study
+
+Example: fringecal study --rigs 500 --out study --scheduler tcp://host:8786
+"""
+
+_TOLD = 20  # times that progress is printed where there is no terminal
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="study", help=HELP)(study)
+
+
+def study(  # noqa: PLR0913, PLR0917 -- one argument per option
+    rigs: int = typer.Option(60, "--rigs", min=2, max=99_999, help="How many rigs."),
+    out: Path = typer.Option(..., "--out", help="Folder for results and report."),
+    seed: int = typer.Option(0, "--seed", min=0, help="Seed of the study."),
+    rig: str = typer.Option("", "--rig", help="One rig (name or TOML) of which only errors are drawn."),
+    heights: str = typer.Option("5,15,30", "--heights", help="Heights of the check points in mm."),
+    workers: int = typer.Option(0, "--workers", min=0, help="Processes here; as many as processors by default."),
+    scheduler: str = typer.Option("", "--scheduler", help="Address of a Dask scheduler to compute on instead."),
+    as_json: bool = typer.Option(False, "--json", help="Print the summary as one JSON document."),
+) -> None:
+    """Compute, summarise, save, print."""
+    from fringecal.procedures.report_study import study_report
+    from fringecal.procedures.study import StudyPlan, run_study
+    from fringecal.procedures.study_summary import summarise
+    from fringecal.procedures.study_workers import cluster, local_pool
+    from fringecal.records.files import result_folder
+    from fringecal.simulate import load_rig
+
+    if workers and scheduler:
+        raise typer.BadParameter("a cluster has its own workers; give one of the two", param_hint="--workers")
+    plan = StudyPlan(seed, load_rig(rig) if rig else None, _heights(heights))
+    demand_folder(out)
+    given = ["--rigs", rigs, "--out", out, "--seed", seed, "--heights", heights, *(["--rig", rig] if rig else [])]
+    command = " ".join(command_line("study", given))
+    compute = partial(cluster, address=scheduler) if scheduler else partial(local_pool, workers=workers)
+    with progress(quiet=as_json) as show:
+        results = run_study(plan, rigs, out, compute, progress=_now_and_then(show, rigs))
+        summary = summarise(results)
+        show("writing the report")
+        with result_folder(out, last="report.html") as staging:
+            write_report(study_report(summary, command=command, created=datetime.now(UTC)), staging)
+    if as_json:
+        print_json(_document(summary, command))
+        raise typer.Exit(3 if any(check.decision == "fail" for check in summary.checks()) else 0)
+    console.print(_table(summary))
+    tell_outcome(summary.checks(), (summary.sentence,), out)
+
+
+def _heights(text: str) -> tuple[float, ...]:
+    try:
+        heights = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r}: numbers in mm with commas between", param_hint="--heights") from None
+    if not all(0 < z < 1000 for z in heights):
+        raise typer.BadParameter(f"{text!r}: heights lie between 0 and 1000 mm", param_hint="--heights")
+    return heights
+
+
+def _now_and_then(show, rigs: int):  # type: ignore[no-untyped-def]
+    """Let through the progress of every rig at a terminal, else a few lines, with the time that is left."""
+    started, calls = time.monotonic(), 0
+    every = 1 if console.is_terminal else max(1, rigs // _TOLD)
+
+    def tell(step: str) -> None:
+        nonlocal calls
+        if calls % every == 0:
+            show(f"{step}, {time.monotonic() - started:.0f} s")
+        calls += 1
+
+    return tell
+
+
+def _table(summary: "StudySummary") -> Table:
+    table = Table(title="Errors against stated uncertainties; coverage of 95 % intervals with its binomial band")
+    for heading in ("quantity", "bias", "spread", "stated u", "spread/u", "coverage/%", "band/%", "unit"):
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right", no_wrap=True)
+    for q in summary.quantities:
+        band = f"{100 * q.band[0]:.1f}..{100 * q.band[1]:.1f}"
+        numbers = (f"{q.bias:+.2g}", f"{q.spread:.2g}", f"{q.stated:.2g}", f"{q.ratio:.2f}", f"{100 * q.coverage:.1f}")
+        table.add_row(q.name, *numbers, band, q.unit)
+    return table
+
+
+def _document(summary: "StudySummary", command: str) -> dict[str, Any]:
+    return {
+        "format": "fringecal-study-summary/1",
+        "command": command,
+        "rigs": summary.rigs,
+        "refused": {str(number): reason for number, reason in summary.refused.items()},
+        "quantities": json.loads(summary.frame().to_json(orient="records")),
+        "checks": [check.model_dump(mode="json") for check in summary.checks()],
+        "sentence": summary.sentence,
+    }
