@@ -166,20 +166,14 @@ def test_a_dark_rig_is_refused_with_its_reason(dark):
     assert "Error: " in result.refused
 
 
-def test_the_number_of_workers_changes_no_digit():
-    plan = StudyPlan(seed=3)
-    alone, second = sorted(local_pool(plan, [0, 1], workers=2), key=lambda result: result.number)
-    assert alone == examine_rig(plan, 0)
-    assert second.quantities != alone.quantities
-    assert len(alone.quantities) == 2 + 3 * 5
-    for row in alone.quantities:
-        # No more than five of u: a gross error of the comparison itself would be hundreds.
-        assert abs(row.found.value - row.true) < 5 * row.found.u
+def test_the_number_of_workers_changes_nothing(dark):
+    two = sorted(local_pool(dark, [0, 1], workers=2), key=lambda result: result.number)
+    assert two == [examine_rig(dark, 0), examine_rig(dark, 1)]
 
 
 def test_no_scheduler_is_said_plainly():
     with pytest.raises(FringecalError, match="no Dask scheduler answers"):
-        list(cluster(StudyPlan(), [0], address="nonsense"))
+        list(cluster(StudyPlan(), [0], address="nonsense://nowhere:1"))
 
 
 def test_a_cluster_whose_workers_are_killed_finishes(dark, tmp_path):
