@@ -66,9 +66,30 @@ def test_covariance_is_the_scatter_of_repeated_pictures(sheet):
 
 def test_stated_inputs_are_causes_of_their_own(sheet):
     found = fit_plate_camera(seen(sheet, noise_px=0.02), sheet[0], SHAPE, pitch_rel_u=1e-3, height_mm=HEIGHT)
-    assert set(found.causes) == {"grid pitch", "camera height"}
+    assert set(found.causes) == {"grid pitch", "camera height", "principal point, u", "principal point, v"}
     # A sheet that is larger by 1e-3 makes all millimetres larger by 1e-3.
     assert abs(found.causes["grid pitch"][0]) == pytest.approx(0.5e-3, rel=0.01)
+
+
+def test_a_lens_off_the_image_centre_is_in_the_budget(sheet):
+    """A square-on grid cannot show it, yet it turns the line of sight at the centre by offset / focal length."""
+    off = {"cu_px": 6.0, "cv_px": -4.0}
+    camera = PlateCamera.from_values(TRUTH | off, SHAPE)
+    pixels = seen(sheet, truth=off, noise_px=0.05)
+    found = fit_plate_camera(pixels, sheet[0], SHAPE, pitch_rel_u=1e-4, height_mm=HEIGHT).camera
+
+    def slopes(of):
+        ray = of.rays(*of.centre_px)
+        return np.array([float(ray.bx), float(ray.by)])
+
+    changes = []
+    for axis in np.linalg.cholesky(found.covariance + 1e-18 * np.eye(12)).T:
+        changes.append(slopes(found.replaced(found.parameters + axis)) - slopes(found))
+    u = np.sqrt(np.sum(np.square(changes), axis=0))
+    assert np.all(np.abs(slopes(found) - slopes(camera)) < 2 * u)
+    # 1 % of the picture's diagonal, over the focal length; what the grid's tilt and barrel tell makes it smaller.
+    assert np.all(u < 1.05 * 0.01 * np.hypot(*SHAPE) / camera.focal_px)
+    assert np.all(u > 0.2 * 0.01 * np.hypot(*SHAPE) / camera.focal_px)
 
 
 def test_wrong_crossings_are_left_out(sheet):

@@ -109,7 +109,7 @@ def _camera(rng: Draw, scale: float) -> dict[str, Any]:
         "scale_mm_per_px": scale,
         "height_mm": rng.uniform(1000.0, 1800.0),
         "tilt_deg": rng.uniform(-1.2, 1.2, 2).tolist(),
-        "principal_offset_px": rng.uniform(-5.0, 5.0, 2).tolist(),
+        "principal_offset_px": rng.normal(0.0, 0.01 * math.hypot(width, height), 2).tolist(),
         "distortion": [rng.uniform(-0.15, 0.1), 0.0, 0.0, 0.0, 0.0],
         "vignetting": 0.05,
         "defocus_px": rng.uniform(0.3, 0.6),
