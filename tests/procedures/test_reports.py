@@ -131,7 +131,7 @@ def test_without_a_stated_projector_there_is_no_theory(oblique):
     tables = tables_of(report)
     assert "Angle in theory" not in {f.name for f in report.facts}
     assert "En" not in tables["projection-angle-by-column.csv"]
-    assert list(tables["position-of-the-projector.csv"]) == ["axis", "fitted / mm", "u / mm"]
+    assert list(tables["position-of-the-projector.csv"]) == ["axis", "fitted / mm", "u / mm", "from"]
     assert "nothing to be compared with" in report.verdict.sentence
 
 
