@@ -140,3 +140,12 @@ def test_large_pictures_take_no_longer_per_pixel():
     find(large, width=80.0, gap=72.0)
     # 16 times the pixels; processor time on a shared machine wavers by a factor of two.
     assert time.process_time() - between < 32 * (between - start)
+
+
+@pytest.mark.parametrize("factor", [10 / 12, 1.0, 1.2])
+@pytest.mark.parametrize("missing", [(), (1, 4)])
+def test_strips_of_another_size_are_told(factor, missing):
+    """A grid of 10 mm stated as 12 makes strips 20 % too narrow in px; missing strips are no other size."""
+    step, _ = scene(2.0, missing=missing)
+    # 161 factors from 1 / 1.6 to 1.6 stand 0.6 % apart.
+    assert find(step, width=20.0 / factor, gap=18.0 / factor).size == pytest.approx(factor, rel=0.01)

@@ -19,6 +19,9 @@ _FINE_SAMPLE = 120_000
 _BEST_DIRECTIONS = 10
 _STRETCH = 0.035  # how far the gaps as laid may differ from the target's
 _LEAST_CONTRAST = 0.12
+_MOST_SIZE = 1.6  # factors of size that a wrong pitch is looked for; twice as large is not told from every other strip
+_SIZES = 161
+_FAR_BETTER = 1.5  # times the explained sum of squares
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,30 @@ def find_comb(pixels: Pixels, layout: Array, least_px: float) -> Comb:
             "strips, or the step is a whole fringe everywhere (then change the fringe pitch)."
         )
     return _normal(Comb(direction, place + stretch * shape, contrast))
+
+
+def better_size(pixels: Pixels, comb: Comb, layout: Array, least_px: float) -> float:
+    """Return by which factor a comb of another size fits far better along the same direction, 1 where none does.
+
+    Parameters
+    ----------
+    pixels
+        The picture.
+    comb
+        The comb as found.
+    layout
+        Edges of its teeth as expected, px, shape (count, 2).
+    least_px
+        Narrowest tooth or gap as expected, px.
+    """
+    profile = _Profile.of(
+        pixels.sample(_SAMPLE).across(comb.direction_rad), pixels.sample(_SAMPLE).likeness, least_px / 12
+    )
+    sizes = np.geomspace(1 / _MOST_SIZE, _MOST_SIZE, _SIZES)
+    scores = np.array([max(profile.places(shape * size)[1].max() for shape in _both_ways(layout)) for size in sizes])
+    near = np.abs(np.log(sizes)) <= math.log(1 + 1.5 * _STRETCH)
+    best = int(np.argmax(scores))
+    return float(sizes[best]) if scores[best] > _FAR_BETTER * scores[near].max() else 1.0
 
 
 def _normal(comb: Comb) -> Comb:

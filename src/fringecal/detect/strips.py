@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
-from fringecal.detect.strip_comb import Comb, Pixels, find_comb, refined_edges
+from fringecal.detect.strip_comb import Comb, Pixels, better_size, find_comb, refined_edges
 from fringecal.errors import DetectionError
 
 Array = NDArray[np.float64]
@@ -45,12 +45,15 @@ class StripRegions:
         Map of the coordinate across the strips, in px.
     edges_px
         Lower and upper edge of each strip in that coordinate, shape (count, 2).
+    size
+        1, or by which factor strips and gaps would have to be larger to fit the picture far better.
     """
 
     labels: NDArray[np.int16]
     direction_deg: float
     across_px: Array
     edges_px: Array
+    size: float = 1.0
 
     @property
     def seen(self) -> tuple[int, ...]:
@@ -104,6 +107,7 @@ def find_strips(
     coarser = max(1, int(least / _SEARCH_WIDTH_PX))
     coarse = fine if coarser == factor else _pixels(_likeness(step, usable, coarser), u, v, coarser)
     comb = find_comb(coarse, layout, least)
+    size = better_size(coarse, comb, layout, least)
     fine = fine.sample(_REFINE_SAMPLE)
     edges = refined_edges(fine, comb, 0.3 * least)
     seen = _seen(fine, comb, edges, layout)
@@ -111,7 +115,7 @@ def find_strips(
     labels = _labels(across, edges, seen, margin_px)
     labels[(labels > 0) & _spread(unchanged, step.shape, margin_px, factor)] = EDGE
     labels[~usable] = EDGE
-    return StripRegions(labels, (math.degrees(comb.direction_rad) + 90.0) % 180.0, across, edges)
+    return StripRegions(labels, (math.degrees(comb.direction_rad) + 90.0) % 180.0, across, edges, size)
 
 
 def strip_layout(count: int, width_px: ArrayLike, gap_px: ArrayLike) -> Array:

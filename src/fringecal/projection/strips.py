@@ -64,7 +64,8 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
     DetectionError
         The strips do not show.
     FitError
-        Plate or lamp moved between the two captures, or too little of the strips is lit.
+        Plate or lamp moved between the two captures, too little of the strips is lit, or the strips are of another
+        size than the grid's pitch makes them.
     """
     valid = reference.valid & strips.valid
     step = np.where(valid, np.angle(np.exp(1j * (strips.phase.astype(float) - reference.phase))), 0.0)
@@ -83,10 +84,24 @@ def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, came
         gap_px=_gaps_mm(target) / scale,
         straight_px=_straight(camera, float(np.mean([h.value for h in heights]))),
     )
+    _demand_size(regions, target)
     drift = _plate_drift(step, regions)
     found = unwrap(step - drift, regions.labels > 0)
     pieces = _large(found.pieces)
     return StripPhase(regions, np.where(pieces > 0, found.phase, np.nan), pieces, heights, drift)
+
+
+def _demand_size(regions: StripRegions, target: Strips) -> None:
+    """Refuse strips of another size than stated: nothing says whether they or the grid's pitch are wrong."""
+    if regions.size == 1.0:
+        return
+    width = float(np.mean(target.width_mm.array(target.count)))
+    raise FitError(
+        f"By the grid's millimetres the strips are {regions.size:.2f} times as wide and as far apart as their target "
+        f"says ({width * regions.size:.1f} mm wide instead of {width:g} mm): either the grid's pitch is in truth "
+        f"{1 / regions.size:.2f} times what its target states, or the strips' widths and gaps are not as stated. "
+        "Measure both with a ruler."
+    )
 
 
 def _gaps_mm(target: Strips) -> Array:
