@@ -25,6 +25,7 @@ VERBS = (
     "reconstruct",
     "history",
     "study",
+    "audit",
 )
 
 

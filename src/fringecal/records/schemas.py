@@ -7,12 +7,14 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from fringecal.records.audit import AuditRecord
 from fringecal.records.calibration import CalibrationRecord
 from fringecal.records.files import write_text
 from fringecal.records.lens import LensDocument
 from fringecal.records.verification import VerificationRecord
 
 SCHEMAS: dict[str, type[BaseModel]] = {
+    "audit": AuditRecord,
     "calibration": CalibrationRecord,
     "lens": LensDocument,
     "verification": VerificationRecord,

@@ -1,0 +1,189 @@
+"""The changes that an audit found, one by one: each with its uncertainty, En, detection limit, limit and outcome."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from fringecal.procedures.audit import CHANCE, Audit
+from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, strip_step
+from fringecal.procedures.audit_observed import base_state
+from fringecal.procedures.checks import artefact_checks, judged, verification_checks
+from fringecal.projection.angle import angle_estimate
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
+from fringecal.records.parts import Check
+from fringecal.uncertainty.estimates import Estimate
+
+Array = NDArray[np.float64]
+
+_MISSED = 0.05  # chance of not seeing a change as large as the detection limit
+
+
+@dataclass(frozen=True)
+class Change:
+    """One quantity today minus at the calibration.
+
+    Parameters
+    ----------
+    name
+        What changed.
+    found
+        The change, its standard uncertainty and unit.
+    limit
+        Largest size allowed, in the same unit.
+    """
+
+    name: str
+    found: Estimate
+    limit: float
+
+    @property
+    def en(self) -> float | None:
+        """Change over its expanded uncertainty; None where the latter is nought."""
+        expanded = self.found.expanded().U
+        return self.found.value / expanded if expanded > 0 else None
+
+    @property
+    def detection_limit(self) -> float:
+        """Smallest change that is seen with 95 %: (z at the audit's chance + 1.645) u."""
+        return float(stats.norm.ppf(1 - CHANCE / 2) + stats.norm.ppf(1 - _MISSED)) * self.found.u
+
+
+def changes_of(found: Audit, limits: Limits = DEFAULT_LIMITS) -> tuple[Change, ...]:
+    """Return every change that the audit's captures can show, with the laboratory's limit for it."""
+    return (*_camera(found, limits), *_plate(found, limits), *_strips(found, limits), *_light(found, limits))
+
+
+def audit_checks(found: Audit, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of an audit: the whole change against chance, every change, every artefact."""
+    changes = (judged(f"change of {c.name}", c.found, c.limit, level=limits.level) for c in changes_of(found, limits))
+    verify = limits.model_copy(update={"verify": limits.verify.model_copy(update={"en": limits.audit.artefact_en})})
+    bars = (check for one in found.bars for check in verification_checks(one, verify))
+    artefacts = (check for one in found.artefacts for check in artefact_checks(one.readings, verify))
+    return (_whole(found), *changes, *bars, *artefacts)
+
+
+def _whole(found: Audit) -> Check:
+    """Judge whether anything changed at all: that alone is no fault, but it is never passed over in silence."""
+    return Check(
+        name="rig as calibrated",
+        value=found.probability,
+        limit=CHANCE,
+        decision="conditionalPass" if found.changed else "pass",
+        rule=f"chance of a change as large as this on an unchanged rig, {CHANCE:.0%} at least "
+        f"(chi-squared {found.chi2:.1f} of {found.change.size} quantities)",
+    )
+
+
+def _camera(found: Audit, limits: Limits) -> Iterator[Change]:
+    if found.grid is None:
+        return
+    place = found.layout.parts["camera"].start
+    own = limits.audit
+    mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0])
+    rows = (
+        ("scale", 100 * mean, "%", own.scale_percent),
+        ("camera tilt toward x", np.eye(5)[2] * 180 / math.pi, "deg", own.tilt_deg),
+        ("camera tilt toward y", np.eye(5)[3] * 180 / math.pi, "deg", own.tilt_deg),
+        ("distortion at the picture's corner", np.eye(5)[4], "px", own.distortion_px),
+    )
+    for name, weights, unit, limit in rows:
+        if name.startswith("camera tilt") and found.calibration.camera.telecentric:
+            continue
+        full = np.zeros(found.change.size)
+        full[place : place + 5] = weights
+        yield Change(name, _combined(found, full, unit, name), limit)
+
+
+def _combined(found: Audit, weights: Array, unit: str, label: str) -> Estimate:
+    """Return a weighted sum of the compared vector."""
+    u = math.sqrt(float(weights @ found.covariance @ weights))
+    return Estimate(float(weights @ found.change), u, unit, label)
+
+
+def _plate(found: Audit, limits: Limits) -> Iterator[Change]:
+    if found.plate is None:
+        return
+    part, blocks = found.layout.parts["plate"], found.plate.blocks
+    design = blocks.design(PLATE_DEGREE)[:, 1:]
+    design = design - design.mean(axis=0)
+    yield Change(
+        "plate phase, rms over the plate",
+        _root_mean_square(design, found.change[part], found.covariance[part, part], "rad"),
+        limits.audit.plate_phase_rad,
+    )
+    yield Change("plate form, rms", _form(found, blocks), limits.audit.plate_form_mm)
+
+
+def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str) -> Estimate:
+    """Return the rms of fitted terms over the field and its uncertainty.
+
+    Where the terms are not significant, the slope of the rms says nothing: their mean uncertainty stands there.
+    """
+    gram = design.T @ design / len(design)
+    rms = math.sqrt(max(float(terms @ gram @ terms), 0.0))
+    u = math.sqrt(float(np.trace(gram @ covariance)))
+    if rms > 3 * u:
+        slope = gram @ terms / rms
+        u = math.sqrt(float(slope @ covariance @ slope))
+    return Estimate(rms, u, unit, "rms")
+
+
+def _form(found: Audit, blocks: Blocks) -> Estimate:
+    """Return what no polynomial explains in the plate's change, as a height at the origin."""
+    design = blocks.design(PLATE_DEGREE)
+    left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
+    dof = max(left.size - design.shape[1], 1)
+    rms = math.sqrt(float(left @ left) / dof)
+    slope = abs(float(found.calibration.model.gradient(0.0, 0.0)[2]))
+    return Estimate(rms / slope, rms / slope / math.sqrt(2 * dof), "mm", "plate form")
+
+
+def _strips(found: Audit, limits: Limits) -> Iterator[Change]:
+    """Return the change of the strips' height as the calibration in force reads it, and of the angle it stands for."""
+    if found.strips is None:
+        return
+    part, blocks = found.layout.parts["strips"], found.strips.blocks
+    step = strip_step(base_state(found.calibration), blocks, found.strips.height_mm)
+    weights = np.zeros(found.change.size)
+    weights[part] = 100 * (blocks.design(STRIPS_DEGREE) / step[:, None]).mean(axis=0)
+    scale = _combined(found, weights, "%", "height scale")
+    yield Change("height scale, on the strips", scale, limits.audit.height_scale_percent)
+    angle = math.radians(angle_estimate(found.calibration)[0].value)
+    per_percent = math.degrees(math.sin(angle) * math.cos(angle)) / 100
+    turned = Estimate(scale.value * per_percent, abs(scale.u * per_percent), "deg", "projection angle")
+    yield Change("projection angle, by the strips", turned, limits.audit.angle_deg)
+
+
+def _light(found: Audit, limits: Limits) -> Iterator[Change]:
+    """Return the changes of sharpness, contrast, light, noise and wave shape."""
+    now, then, own = found.appearance, found.appearance_then, limits.audit
+    if then is None:
+        return
+    parts = found.layout.parts
+    for name, unit, factor, limit in (("blur", "px", 1.0, own.blur_px), ("contrast", "%", 100.0, own.contrast_percent)):
+        if parts[name].stop > parts[name].start:
+            full = np.zeros(found.change.size)
+            full[parts[name]] = factor
+            yield Change(_LOOKS[name], _combined(found, full, unit, name), limit)
+    for name, limit in (("modulation", own.modulation_percent), ("noise", own.noise_percent)):
+        today, once = getattr(now, f"{name}_levels"), getattr(then, f"{name}_levels")
+        if today and once:
+            change = Estimate(100 * (today / once - 1), 100 * _U_LIGHT[name], "%", name)
+            yield Change(_LOOKS[name], change, limit)
+    if now.harmonic is not None and then.harmonic is not None:
+        u = math.hypot(now.u_harmonic or 0.0, then.u_harmonic or 0.0)
+        yield Change("second harmonic", Estimate(now.harmonic - then.harmonic, u, "", "harmonic"), own.harmonic)
+
+
+#: Relative repeatability of what lamp, exposure and estimator give: the light to 1 %, a noise estimate to 5 %.
+_U_LIGHT = {"modulation": 0.01, "noise": 0.05}
+_LOOKS = {
+    "blur": "blur of the grid's lines",
+    "contrast": "contrast of the fringes",
+    "modulation": "modulation",
+    "noise": "noise of the camera",
+}

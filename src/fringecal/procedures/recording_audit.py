@@ -1,0 +1,74 @@
+"""What an audit found, as its record holds it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from fringecal.procedures.audit import Audit
+from fringecal.procedures.audit_causes import CauseFit
+from fringecal.procedures.audit_changes import audit_checks, changes_of
+from fringecal.procedures.audit_words import amount_unit, audit_sentence
+from fringecal.procedures.recording import inputs_of, session_note
+from fringecal.procedures.report_parts import severest
+from fringecal.records.audit import AmountRecord, AuditRecord, CauseRecord, ChangeRecord
+from fringecal.records.limits import DEFAULT_LIMITS, Limits
+from fringecal.records.provenance import sha256_of, software_versions
+from fringecal.records.verification import CalibrationUsed
+from fringecal.uncertainty.conformity import decide
+
+
+def audit_record(
+    found: Audit, calibration_file: Path, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
+) -> AuditRecord:
+    """Return the record of an audit."""
+    checks = audit_checks(found, limits)
+    return AuditRecord(
+        software=software_versions(),
+        command=tuple(command),
+        session=session_note(found.session),
+        inputs=inputs_of(found.session),
+        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        captures=tuple(found.session.captures),
+        changed=found.changed,
+        probability=found.probability,
+        chi2=found.chi2,
+        dof=found.change.size,
+        changes=_changes(found, limits),
+        causes=tuple(_cause(fit) for fit in found.causes),
+        verdict=severest(checks),
+        checks=checks,
+        sentence=audit_sentence(found),
+        notes=found.notes,
+    )
+
+
+def _changes(found: Audit, limits: Limits) -> tuple[ChangeRecord, ...]:
+    return tuple(
+        ChangeRecord(
+            name=change.name,
+            value=change.found.value,
+            u=change.found.u,
+            unit=change.found.unit,
+            en=change.en,
+            limit=change.limit,
+            detection_limit=change.detection_limit,
+            decision=decide(
+                change.found.value, change.found.u, lower=-change.limit, upper=change.limit, level=limits.level
+            ).outcome,
+        )
+        for change in changes_of(found, limits)
+    )
+
+
+def _cause(fit: CauseFit) -> CauseRecord:
+    amounts = []
+    for name, value in fit.amounts.items():
+        unit, factor = amount_unit(name)
+        amounts.append(AmountRecord(name=name, value=factor * value, u=factor * fit.u_amounts[name], unit=unit))
+    return CauseRecord(
+        name=fit.cause,
+        amounts=tuple(amounts),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        probability=fit.probability,
+        log_evidence=fit.log_evidence,
+    )

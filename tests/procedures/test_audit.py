@@ -1,0 +1,189 @@
+"""Audits of a small virtual rig: nothing changed, one thing moved, and sessions that cannot be audited."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fringecal.errors import DetectionError, FitError, SessionError
+from fringecal.procedures.audit import Audit, audit
+from fringecal.procedures.audit_causes import CAUSES, rank_causes
+from fringecal.procedures.audit_changes import audit_checks, changes_of
+from fringecal.procedures.audit_observed import base_state
+from fringecal.procedures.audit_words import audit_sentence
+from fringecal.procedures.commission import commission
+from fringecal.procedures.recording import calibration_of, calibration_record
+from fringecal.procedures.recording_audit import audit_record
+from fringecal.procedures.report_parts import severest
+from fringecal.projection.calibration import RigCalibration
+from fringecal.projection.moves import moved
+from fringecal.records.audit import read_audit, write_audit
+from fringecal.records.calibration import CalibrationRecord
+from fringecal.session import Session, load_session, write_session
+from fringecal.simulate import load_rig, simulate_session
+from fringecal.targets import load_target
+
+CAPTURES = ("grid", "reference", "strips")
+
+
+def small_rig():
+    rig = load_rig("thesis")
+    captures = [c.model_dump() for c in rig.capture if c.name in CAPTURES]
+    return rig.at(camera={"width_px": 320, "height_px": 240, "scale_mm_per_px": 0.9}, capture=captures)
+
+
+def taken(rig, folder: Path, seed: int, *, captures=CAPTURES, targets=None) -> Session:
+    shot = simulate_session(rig, captures, seed=seed, targets=targets)
+    files = {name: content for name, content in shot.files.items() if "truth" not in name}
+    write_session(folder, shot.document, shot.frames, extra_files=files)
+    return load_session(folder)
+
+
+@dataclass(frozen=True)
+class InForce:
+    """A calibration with its record."""
+
+    rig: RigCalibration
+    record: CalibrationRecord
+
+    def audited(self, session: Session) -> Audit:
+        return audit(session, self.rig, self.record)
+
+
+@pytest.fixture(scope="module")
+def in_force(tmp_path_factory) -> InForce:
+    found = commission(taken(small_rig(), tmp_path_factory.mktemp("audit") / "first", 1))
+    record = calibration_record(found)
+    return InForce(calibration_of(record), record)
+
+
+@pytest.fixture(scope="module")
+def unchanged(in_force, tmp_path_factory) -> Audit:
+    return in_force.audited(taken(small_rig(), tmp_path_factory.mktemp("audit") / "again", 2))
+
+
+def change_named(found, name):
+    (change,) = [c for c in changes_of(found) if c.name == name]
+    return change
+
+
+def test_an_unchanged_rig_passes(unchanged):
+    assert not unchanged.changed
+    assert unchanged.causes == ()
+    assert severest(audit_checks(unchanged)) == "pass"
+    assert audit_sentence(unchanged).startswith("The rig is as calibrated")
+    # Twenty numbers that are chance: none beyond four standard uncertainties, and not all far below one.
+    z = unchanged.change / np.sqrt(np.diag(unchanged.covariance))
+    assert 0.2 < np.sqrt(np.mean(z**2)) < 1.5
+    assert np.abs(z).max() < 4
+
+
+def test_what_is_compared_has_the_issues_sensitivity(unchanged):
+    # A camera 5 mm lower is 0.33 % of scale, a strip of 3.1 mm 3.3 % of height.
+    assert change_named(unchanged, "scale").detection_limit < 0.33 / 3
+    assert change_named(unchanged, "height scale, on the strips").detection_limit < 3.3 / 10
+
+
+def test_a_lowered_camera_is_named(in_force, tmp_path):
+    rig = small_rig()
+    lower = rig.at(camera={"height_mm": 1495.0, "scale_mm_per_px": 0.9 * 1495 / 1500})
+    found = in_force.audited(taken(lower, tmp_path / "s", 3))
+    assert found.causes[0].cause == "camera height changed"
+    amount, u = found.causes[0].amounts["camera height"], found.causes[0].u_amounts["camera height"]
+    # By the true move and five of its uncertainties; the camera's stated height, 5 mm of 1500, scales it by 0.3 %.
+    assert amount == pytest.approx(-5.0, abs=5 * u + 0.02)
+    assert change_named(found, "scale").found.value == pytest.approx(-100 * 5 / 1500, abs=0.03)
+    assert severest(audit_checks(found)) == "fail"
+
+
+def test_another_strip_is_named(in_force, tmp_path):
+    stated = load_target("glass-strips")
+    other = type(stated).model_validate({**stated.model_dump(), "height_mm": {"value": 3.1, "u": 0.005}})
+    found = in_force.audited(taken(small_rig(), tmp_path / "s", 4, captures=CAPTURES[1:], targets={"strips": other}))
+    assert found.causes[0].cause == "strips not as high as stated"
+    assert found.causes[0].amounts["strip height"] == pytest.approx(0.1 / 3, abs=2e-3)
+    assert any("no grid" in note for note in found.notes)
+    # The phase of a strip 3.3 % higher is that of 3.3 % more tangent: 3.3 % sin cos of 50.7 deg is 0.94 deg.
+    angle = change_named(found, "projection angle, by the strips").found.value
+    assert angle == pytest.approx(0.94, abs=0.06)
+
+
+def test_a_record_says_it_all_and_is_read_back(in_force, tmp_path, unchanged):
+    lamp = small_rig().at(projector={"position_mm": (0.0, 1227.0, 1000.0)})
+    found = in_force.audited(taken(lamp, tmp_path / "s", 5))
+    (tmp_path / "calibration.json").write_text("{}")
+    record = audit_record(found, tmp_path / "calibration.json")
+    assert read_audit(write_audit(record, tmp_path)) == record
+    assert record.changed
+    assert record.causes[0].name == "lamp moved"
+    assert record.verdict == severest(record.checks) != "pass"
+    assert {c.name for c in record.changes} == {c.name for c in changes_of(unchanged)}
+    assert all(c.detection_limit > 0 for c in record.changes)
+
+
+@pytest.mark.parametrize(
+    ("cause", "amounts"),
+    [
+        ("camera lens refocused", {"lens blur": 0.8, "focal length": 0.002}),
+        ("slide pitch changed", {"slide pitch": 0.005}),
+        ("plate tilted", {"plate tilt toward x": 0.0025, "plate tilt toward y": -0.0025}),
+        ("projector refocused", {"fringe blur": 0.6}),
+        ("lamp moved", {"aimed lamp along y": 3.0, "aimed lamp along z": -4.0}),
+    ],
+)
+def test_signatures_are_told_apart(in_force, unchanged, cause, amounts):
+    """Drawn signatures, whose optics tests/projection/test_moves.py holds against the simulator, on real noise."""
+    base = base_state(in_force.rig)
+    signature = unchanged.layout.predict(moved(base, amounts)) - unchanged.layout.predict(base)
+    ranked = rank_causes(unchanged.layout, base, unchanged.change + signature, unchanged.covariance)
+    assert ranked[0].cause == cause
+    assert {fit.cause for fit in ranked} == set(CAUSES)
+    for name, value in amounts.items():
+        if name in ranked[0].amounts:
+            # Four uncertainties; 3 % where a large step is no longer linear.
+            assert ranked[0].amounts[name] == pytest.approx(
+                value, abs=4 * ranked[0].u_amounts[name] + 0.03 * abs(value)
+            )
+
+
+# ---- sessions that cannot be audited --------------------------------------------------------------
+def test_another_rig_is_refused(in_force, unchanged):
+    with pytest.raises(SessionError, match="of rig 'other', the calibration of 'thesis'"):
+        in_force.audited(replace(unchanged.session, rig="other"))
+
+
+def test_nothing_to_compare_is_refused(in_force, unchanged):
+    session = unchanged.session
+    strips = {"strips": session.captures["strips"]}
+    with pytest.raises(SessionError, match="a grid or the bare plate"):
+        in_force.audited(replace(session, captures=strips))
+    with pytest.raises(SessionError, match="strips need the bare plate"):
+        in_force.audited(replace(session, captures=strips | {"grid": session.captures["grid"]}))
+
+
+def test_pictures_of_another_camera_are_refused(in_force, unchanged):
+    session = unchanged.session
+    wide = replace(session.captures["reference"], shape=(240, 640))
+    with pytest.raises(SessionError, match="640 x 240 px, the calibration is for 320 x 240"):
+        in_force.audited(replace(session, captures=session.captures | {"reference": wide}))
+
+
+def test_exchanged_captures_are_refused(in_force, unchanged):
+    session = unchanged.session
+    plate, strips = session.captures["reference"], session.captures["strips"]
+    exchanged = {
+        "reference": replace(plate, paths=strips.paths, sha256=strips.sha256),
+        "strips": replace(strips, paths=plate.paths, sha256=plate.sha256),
+    }
+    with pytest.raises((SessionError, DetectionError, FitError), match="swapped|strip"):
+        in_force.audited(replace(session, captures=exchanged))
+
+
+def test_a_record_without_appearance_is_compared_as_far_as_it_goes(in_force, unchanged):
+    older = InForce(in_force.rig, in_force.record.model_copy(update={"appearance": None}))
+    session = unchanged.session
+    found = older.audited(replace(session, captures={"reference": session.captures["reference"]}))
+    assert not found.changed
+    assert any("older version" in note for note in found.notes)
+    assert {c.name for c in changes_of(found)} == {"plate phase, rms over the plate", "plate form, rms"}
