@@ -71,7 +71,11 @@ def change_named(found, name):
 def test_an_unchanged_rig_passes(unchanged):
     assert not unchanged.changed
     assert unchanged.causes == ()
-    assert severest(audit_checks(unchanged)) == "pass"
+    checks = {check.name: check for check in audit_checks(unchanged)}
+    assert checks["rig as calibrated"].decision == "pass"
+    assert checks["change of scale"].decision == "pass"
+    # A grid of 320 x 240 px tells a tilt to 0.06 deg only: within 0.1 deg, but not for certain.
+    assert severest(tuple(checks.values())) in {"pass", "conditionalPass"}
     assert audit_sentence(unchanged).startswith("The rig is as calibrated")
     # Twenty numbers that are chance: none beyond four standard uncertainties, and not all far below one.
     z = unchanged.change / np.sqrt(np.diag(unchanged.covariance))
