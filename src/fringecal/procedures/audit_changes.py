@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fringecal.procedures.audit import CHANCE, Audit
-from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, strip_step
-from fringecal.procedures.audit_observed import base_state
+from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, strip_step
+from fringecal.procedures.audit_observed import PlateToday, base_state
 from fringecal.procedures.checks import artefact_checks, judged, verification_checks
 from fringecal.projection.angle import angle_estimate
+from fringecal.projection.calibration import RigCalibration
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check
 from fringecal.uncertainty.estimates import Estimate
@@ -115,7 +116,7 @@ def _plate(found: Audit, limits: Limits) -> Iterator[Change]:
         _root_mean_square(design, found.change[part], found.covariance[part, part], "rad"),
         limits.audit.plate_phase_rad,
     )
-    yield Change("plate form, rms", _form(found, blocks), limits.audit.plate_form_mm)
+    yield Change("plate form, rms", _form(found.calibration, found.plate), limits.audit.plate_form_mm)
 
 
 def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str) -> Estimate:
@@ -132,14 +133,21 @@ def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str)
     return Estimate(rms, u, unit, "rms")
 
 
-def _form(found: Audit, blocks: Blocks) -> Estimate:
-    """Return what no polynomial explains in the plate's change, as a height at the origin."""
+def _form(calibration: RigCalibration, plate: PlateToday) -> Estimate:
+    """Return what neither a polynomial nor noise explains in the plate's change, as a height at the origin."""
+    blocks = plate.blocks
     design = blocks.design(PLATE_DEGREE)
     left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
     dof = max(left.size - design.shape[1], 1)
-    rms = math.sqrt(float(left @ left) / dof)
-    slope = abs(float(found.calibration.model.gradient(0.0, 0.0)[2]))
-    return Estimate(rms / slope, rms / slope / math.sqrt(2 * dof), "mm", "plate form")
+    variance = float(left @ left) / dof
+    light = plate.phase.map
+    noise = float(np.nanmedian(light.sigma[light.valid])) ** 2 * float((1 / blocks.pixels).mean())
+    form = math.sqrt(max(variance - noise, 0.0))
+    # Of a variance with nu degrees of freedom, u is sqrt(2 / nu) of it; a root near nought has the root's own u.
+    u_variance = variance * math.sqrt(2 / dof)
+    u = u_variance / (2 * form) if form**2 > u_variance else math.sqrt(u_variance)
+    slope = abs(float(calibration.model.gradient(0.0, 0.0)[2]))
+    return Estimate(form / slope, u / slope, "mm", "plate form")
 
 
 def _strips(found: Audit, limits: Limits) -> Iterator[Change]:

@@ -7,14 +7,17 @@ from fringecal.procedures.audit_causes import CauseFit
 
 _CLOSE = 3.0  # difference of log evidence: below it, odds under 20 to 1, the runner-up is named as well
 _UNEXPLAINED = 1e-4
+_TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
 _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties
 
 
 def audit_sentence(found: Audit) -> str:
     """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
     if not found.changed:
-        return f"The rig is as calibrated: a change as large as this is chance ({found.probability:.2g})."
-    head = f"The rig has changed since its calibration (chance {found.probability:.1g})."
+        return f"The rig is as calibrated: what differs is chance (probability {found.probability:.2g})."
+    small = found.probability < _TOO_SMALL
+    chance = f"below {_TOO_SMALL:.0e}" if small else f"{found.probability:.1g}"
+    head = f"The rig has changed since its calibration (probability of chance {chance})."
     if not found.causes:
         return head
     best, *others = found.causes

@@ -59,7 +59,7 @@ def cause_bars(names: Sequence[str], log_odds: Sequence[float], *, title: str = 
         What was explained.
     """
     place = np.arange(len(names))
-    decades = -np.asarray(log_odds, float) / np.log(10)
+    decades = np.abs(np.asarray(log_odds, float)) / np.log(10)
     figure = new_figure(7.4, 1.5 + 0.34 * len(names))
     axes = figure.subplots()
     bars = axes.barh(place, decades + 0.3, color=[ORANGE if d < 1.3 else BLUE for d in decades], height=0.6)
