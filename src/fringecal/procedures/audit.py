@@ -17,7 +17,7 @@ from fringecal.procedures.audit_layout import (
     STRIPS_DEGREE,
     Layout,
     camera_quantities,
-    coefficients,
+    terms_of_map,
 )
 from fringecal.procedures.audit_observed import (
     GridToday,
@@ -197,9 +197,9 @@ def _change(
     if grid is not None:
         parts.append(camera_quantities(grid.fit.camera) - camera_quantities(calibration.camera))
     if plate is not None:
-        parts.append(coefficients(plate.blocks, plate.blocks.value, PLATE_DEGREE)[1:])
+        parts.append(terms_of_map(plate.change_rad, PLATE_DEGREE)[1:])
     if strips is not None:
-        parts.append(coefficients(strips.blocks, strips.blocks.value, STRIPS_DEGREE))
+        parts.append(terms_of_map(strips.change_rad, STRIPS_DEGREE))
     if layout.blur_px is not None:
         parts.append(np.array([(now.grid_blur_px or 0.0) - layout.blur_px]))
     if layout.contrast and then is not None and then.contrast and now.contrast:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from fringecal.camera.plate import PlateCamera
 from fringecal.projection.angle import fringe_pitch_mm
 from fringecal.projection.moves import RigState
+from fringecal.projection.sampling import pick_points
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -17,6 +18,7 @@ Mask = NDArray[np.bool_]
 BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, waves longer than two blocks stay
 _LEAST_SHARE = 0.1  # of a block's pixels; a mean of fewer is noise
 PLATE_DEGREE, STRIPS_DEGREE = 3, 1
+_PIXELS = 200_000  # of a map that are fitted; noise of 0.02 rad leaves less than 1e-4
 CAMERA_QUANTITIES = ("horizontal scale", "vertical scale", "tilt toward x", "tilt toward y", "distortion")
 
 
@@ -32,11 +34,26 @@ class Blocks:
 
     def design(self, degree: int) -> Array:
         """Return Legendre terms of total degree `degree` over the picture at the centres, the constant first."""
-        s = 2 * self.u_px / max(self.shape[1] - 1, 1) - 1
-        t = 2 * self.v_px / max(self.shape[0] - 1, 1) - 1
-        vs, vt = legendre.legvander(s, degree), legendre.legvander(t, degree)
-        terms = [(i, n - i) for n in range(degree + 1) for i in range(n + 1)]
-        return np.stack([vs[:, i] * vt[:, j] for i, j in terms], axis=1)
+        return legendre_terms(self.u_px, self.v_px, self.shape, degree)
+
+
+def legendre_terms(u_px: Array, v_px: Array, shape: tuple[int, int], degree: int) -> Array:
+    """Return Legendre terms of total degree `degree` over a picture of a shape at pixels, (n, terms)."""
+    s, t = 2 * u_px / max(shape[1] - 1, 1) - 1, 2 * v_px / max(shape[0] - 1, 1) - 1
+    vs, vt = legendre.legvander(s, degree), legendre.legvander(t, degree)
+    terms = [(i, n - i) for n in range(degree + 1) for i in range(n + 1)]
+    return np.stack([vs[:, i] * vt[:, j] for i, j in terms], axis=1)
+
+
+def terms_of_map(values: Array, degree: int) -> Array:
+    """Fit the terms to a map, (H, W), NaN where unknown.
+
+    To single pixels, drawn at random, and not to means over blocks: a ripple at the fringes' own period would beat
+    with the raster of blocks, and the beat looks like a smooth change.
+    """
+    u, v, _ = pick_points(np.isfinite(values), _PIXELS)
+    design = legendre_terms(u, v, (values.shape[0], values.shape[1]), degree)
+    return np.asarray(np.linalg.lstsq(design, values[v.astype(int), u.astype(int)], rcond=None)[0])
 
 
 def block_means(values: Array, valid: Mask) -> Blocks:

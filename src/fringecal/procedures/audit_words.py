@@ -7,6 +7,7 @@ from fringecal.procedures.audit_causes import CauseFit
 
 _CLOSE = 3.0  # difference of log evidence: below it, odds under 20 to 1, the runner-up is named as well
 _UNEXPLAINED = 1e-4
+_FIRST_ORDER = 0.01  # of chi-squared, a tenth of the change: signatures hold no closer
 _TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
 _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties
 
@@ -22,7 +23,7 @@ def audit_sentence(found: Audit) -> str:
         return head
     best, *others = found.causes
     unexplained = ""
-    if best.probability < _UNEXPLAINED:
+    if best.probability < _UNEXPLAINED and best.chi2 > _FIRST_ORDER * found.chi2:
         unexplained = " It does not explain all of it: more than one thing may have moved."
     close = [fit for fit in others[:1] if best.log_evidence - fit.log_evidence < _CLOSE]
     also = f" Hardly less likely: {cause_words(close[0])}." if close else ""
