@@ -1,5 +1,7 @@
 """A step block in the session takes part in the fit: found in real frames, used, and then no judge of it any more."""
 
+import math
+
 import pytest
 
 from fringecal.errors import SessionError
@@ -40,7 +42,9 @@ def test_the_block_takes_part_and_brings_the_angle_down_to_the_scale(found, smal
     assert [h.value for h in found.further[0].seen.observations.height_mm] == [5, 10, 20, 30, 50]
     assert abs(found.angle.value - truth_of(small_rig).angle_origin_deg) < found.angle.expanded().U
     # By hand: the strips' 0.005 of 3 mm is 0.047 deg; with 0.005 of 50 mm it is the grid's pitch that is left, 0.016.
-    assert found.angle.u < 0.025
+    # The doubt about the lens's axis, which no artefact takes away, stands in rows of its own.
+    rest = [u for label, u in found.angle_budget.items() if not label.startswith("principal point")]
+    assert math.hypot(*rest) < 0.025
     assert found.contradictions == ()
     checks = {check.name: check for check in commissioning_checks(found)}
     assert checks["stated heights against one another"].decision == "pass"

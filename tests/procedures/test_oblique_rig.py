@@ -21,7 +21,7 @@ def test_their_uncertainties_cover_the_errors(oblique):
 
 def test_wrong_steps_are_noticed_and_replaced(oblique):
     assert oblique.found.reference.used == "estimated"
-    assert "do not fit the stated steps" in oblique.found.reference.sentence()
+    assert "do not fit the stated model" in oblique.found.reference.sentence()
 
 
 def test_the_lens_is_said_to_bend_as_it_does(oblique):

@@ -125,7 +125,6 @@ def test_without_a_stated_projector_there_is_no_theory(oblique):
         oblique.found,
         session=replace(oblique.session, projector=None),
         theory=None,
-        columns=tuple(replace(column, theory=None) for column in oblique.found.columns),
     )
     report = commission_report(found)
     tables = tables_of(report)

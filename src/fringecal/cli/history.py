@@ -285,6 +285,7 @@ def export(
     file: Path = typer.Argument(..., help="File to write: .csv or .parquet.", show_default=False),
     db: str = DB,
     rig: str | None = RIG,
+    as_json: bool = JSON,
 ) -> None:
     """Write the readings as one flat table.
 
@@ -295,4 +296,7 @@ def export(
 
     with open_history(db, create=False) as history:
         count = export_table(history, file, rig)
+    if as_json:
+        print_json({"rows": count, "file": str(file)})
+        return
     console.print(f"{count} row(s) written to {file}", markup=False, highlight=False, soft_wrap=True)

@@ -11,6 +11,7 @@ from scipy import linalg
 
 from fringecal.detect.grid_nodes import Edges
 from fringecal.detect.line_points import LinePoints
+from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -161,7 +162,13 @@ def _fitted(
     possible = np.flatnonzero(np.tile((i < shape[0]) & (j < shape[1]), 2))
     columns = possible[np.argsort(degrees[possible], kind="stable")]
     matrix, right = _normal_equations(design[:, columns], target)
-    factor = linalg.cholesky(matrix, lower=True)
+    try:
+        factor = linalg.cholesky(matrix, lower=True)
+    except (linalg.LinAlgError, ValueError) as error:
+        raise DetectionError(
+            "no line grid found: what was taken for its lines does not determine a grid's shape; see that the picture "
+            "is that of a ruled grid, sharp and evenly lit"
+        ) from error
     half_solved = linalg.solve_triangular(factor, right, lower=True)
     count = _best_count(degrees[columns], half_solved, target)
     flat = np.zeros(design.shape[1])

@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 _ACROSS = 1 / (2 * math.pi)  # of a period: standard deviation of the smoothing across the fringe
 _ALONG_PX = 1.0  # standard deviation of the smoothing along the fringe
 _LEAST_PERIOD_PX = 5.0
+_BORDER_KERNELS = 2.0  # standard deviations of the kernel from the picture's border that hold no centre
 _LEAST_SLOPE = 0.2  # of the picture's usual slope at a centre, below which a crossing is noise
 
 
@@ -62,7 +63,8 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
     Zero of the picture's derivative by a Gaussian of 1/2 pi periods, at which a fall of the light across the fringes
     moves ridges and valleys by equal amounts in opposite ways; by a straight line between the two pixels about it. For
     a cosine the line's error is below `w^2 / 62` px (w the phase per px, rad), 0.02 px at 6 px a period, and
-    averages out. `sigma = noise |kernel| / slope`.
+    averages out. `sigma = noise |kernel| / slope`. Within two kernels of the border the light beyond is not known:
+    no centres there.
 
     Raises
     ------
@@ -74,7 +76,7 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
     >>> v = np.arange(80)[:, None] * np.ones(40)
     >>> found = ridge_centres(100 + 50 * np.cos(2 * np.pi * (v - 3.3) / 16), 16.0)
     >>> sorted({round(float(x), 1) for x in found.v_px[found.bright]})
-    [3.3, 19.3, 35.3, 51.3, 67.3]
+    [19.3, 35.3, 51.3, 67.3]
     """
     grey = _checked(image, period_px)
     if along == "columns":
@@ -85,6 +87,8 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
     above, below = slope[rows, columns], slope[rows + 1, columns]
     bend = np.abs(above - below)
     strong = bend > _LEAST_SLOPE * float(np.median(bend)) if bend.size else np.zeros(0, bool)
+    margin = _BORDER_KERNELS * across
+    strong &= (rows >= margin) & (rows < grey.shape[0] - 1 - margin)
     rows, columns, above, below, bend = (a[strong] for a in (rows, columns, above, below, bend))
     v = rows + above / (above - below)
     sigma = grey_noise(grey) * _kernel_norm(across) / bend

@@ -13,7 +13,7 @@ from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import HEIGHT_MODELS
 from fringecal.reconstruct.height import HeightMap, absolute_phase, height_of_phase
 from fringecal.session import Capture, Session
-from fringecal.targets import Zigzag
+from fringecal.targets.models import BallBar, Box, Flat, Sphere, Steps, Wedge, Zigzag
 from fringecal.verify.errors import ZigzagErrors, zigzag_errors
 from fringecal.verify.filters import FILTERS, FilterResult, filter_study, filtered
 from fringecal.verify.pose import ZigzagPose
@@ -21,6 +21,9 @@ from fringecal.verify.registration import register_zigzag
 from fringecal.verify.shape import zigzag_shape
 
 Progress = Callable[[str], None]
+
+VERIFIED = (Zigzag, Flat, Steps, Wedge, Box, Sphere, BallBar)
+"""Targets that heights can be judged on."""
 
 _HEADROOM = 0.35  # of the full height, added on both sides of what a bar can measure
 
@@ -110,6 +113,10 @@ def artefact_capture(session: Session, name: str | None, calibration: RigCalibra
     capture = _only_artefact(session) if name is None else session.named(name)
     if capture.target is None:
         raise SessionError([f"capture {capture.name!r}: names no target; state the artefact with its certificate"])
+    if not isinstance(capture.target, VERIFIED):
+        kinds = ", ".join(kind.model_fields["kind"].default for kind in VERIFIED)
+        found = f"a target of kind {capture.target.kind!r}"
+        raise SessionError([f"capture {capture.name!r}: {found} has no surface to verify on; use {kinds}"])
     if capture.use == "calibration":
         raise SessionError(
             [
