@@ -26,6 +26,10 @@ MIN_MIDDLE_CONTRAST = 0.6
 # one way and apart the other; on a chessboard it is 1/2 both ways; of dots 1, and between dots 0.
 STRIPE_PART = 0.2
 CHESSBOARD_PARTS = (0.25, 0.75)
+# Places in a cell, closer than most lines are wide.
+CELL_PARTS = np.linspace(0.0, 1.0, 11)
+# Ways in which one family of a lattice may run along the diagonals of the other: rows by columns, columns by rows.
+SHEARS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 # Places on an edge, as parts of its length, that are clear of both crossings.
 THIRDS = ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7))
 
@@ -43,7 +47,7 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
     for candidate in candidates:
         if candidate.lattice.whole_cells() * most_contrast <= best_score:
             continue
-        present, contrast = _line_evidence(grey, candidate)
+        candidate, present, contrast = _along_lines(grey, candidate)
         # Contrast and whole cells in the score: extrema within the cells form lattices too, but on faint
         # ghosts of lines; and points half-way along the lines form one of half the spacing without cells.
         score = present * contrast * candidate.lattice.whole_cells()
@@ -55,6 +59,21 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
             f"no line grid found: {what}; photograph grid paper square-on and in focus, 6 to 120 px per line"
         )
     return replace(best, lattice=_joined(grey, best))
+
+
+def _along_lines(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[CoarseGrid, float, float]:
+    """Turn a lattice that counts along a diagonal to its lines; also its line evidence.
+
+    The points alone cannot tell: where a neighbour of the seed is covered or off its place, the diagonal
+    serves the growth as well.
+    """
+    best = candidate, *_line_evidence(grey, candidate)
+    for shear in SHEARS:
+        if best[1] > MIN_PRESENT:
+            break
+        turned = replace(candidate, lattice=candidate.lattice.sheared(*shear))
+        best = max(best, (turned, *_line_evidence(grey, turned)), key=lambda each: each[1])
+    return best
 
 
 def _joined(grey: npt.NDArray[np.float32], coarse: CoarseGrid) -> Lattice:
@@ -80,7 +99,7 @@ def _lines_seen(
     grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
     """Whether a line is seen from every node to the next, along rows and along columns, (rows, columns)."""
-    least = MIN_RELATIVE_EDGE * sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
+    least = MIN_RELATIVE_EDGE * _cell_range(grey, nodes)
     seen = np.zeros((2, *nodes.shape[:2]), dtype=bool)
     for family in (0, 1):
         edges = edges_between(nodes, family)
@@ -112,14 +131,14 @@ def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]
 def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[float, float]:
     """Part of the edges with a line all along their middle, and its median contrast: the weaker family's."""
     nodes = candidate.lattice.nodes()
-    full = candidate.sign * (_brightness(grey, nodes) - _brightness(grey, nodes + _half_cell(nodes)))
+    least = MIN_RELATIVE_EDGE * _cell_range(grey, nodes)
     present, typical = 1.0, np.inf
     for family in (0, 1):
         edges = edges_between(nodes, family)
-        if len(edges.line) < 4 or full <= 0:
+        if len(edges.line) < 4:
             return 0.0, 0.0
         contrast = _contrast_at_thirds(grey, edges, candidate.sign, peak=True).min(axis=0)
-        present = min(present, float(np.mean(contrast > MIN_RELATIVE_EDGE * full)))
+        present = min(present, float(np.mean(contrast > least)))
         typical = min(typical, float(np.median(contrast)))
     return present, typical
 
@@ -157,6 +176,19 @@ def _sampled(grey: npt.NDArray[np.float32], at: FloatArray) -> FloatArray:
 def _half_cell(nodes: FloatArray) -> FloatArray:
     """Step from a node to the middle of a cell beside it, px."""
     return 0.5 * (along(nodes, 0) + along(nodes, 1))
+
+
+def _cell_range(grey: npt.NDArray[np.float32], nodes: FloatArray) -> float:
+    """Median over the cells of the range of brightness in each.
+
+    Between points that lie within the cells, faint ghosts of lines are seen; the range knows the true ones.
+    """
+    row, column = np.nonzero(np.isfinite(nodes[..., 0]))
+    pick = np.unique(np.linspace(0, len(row) - 1, MAX_CANDIDATE_EDGES).astype(int))
+    right, down = (along(nodes, family)[row[pick], column[pick], None, :] for family in (0, 1))
+    s, t = (part.ravel()[None, :, None] for part in np.meshgrid(CELL_PARTS, CELL_PARTS))
+    cells = _sampled(grey, nodes[row[pick], column[pick], None, :] + s * right + t * down)
+    return float(np.median(np.ptp(cells, axis=1)))
 
 
 def _brightness(grey: npt.NDArray[np.float32], at: FloatArray) -> float:

@@ -58,6 +58,12 @@ class Lattice:
         known = np.stack([self.member[pick], column - column[0], row - row[0]], axis=1)
         return _oriented(self.points, grow(self.points, known, bases))
 
+    def sheared(self, down: int, right: int) -> "Lattice":
+        """Count rows, or columns, along a diagonal instead: row + down column, column + right row; grown anew."""
+        row, column = self.row + down * self.column, self.column + right * self.row
+        turned = replace(self, row=row - row.min(), column=column - column.min())
+        return turned.regrown(np.ones(turned.nodes().shape[:2], dtype=bool))
+
     def whole_cells(self) -> int:
         """Count the cells with all four corners known."""
         known = np.isfinite(self.nodes()[..., 0])
