@@ -15,6 +15,7 @@ SATURATED, DARK, LOW_MODULATION, OUTSIDE, MISFIT = 1, 2, 4, 8, 16
 BLOCK = 1024
 """Pixels taken at a time: seven float32 buffers of this length fit a 32 KiB first-level cache."""
 
+_THREE = 3  # frames whose sums stay in registers
 _FLOAT_SIZE = 4  # bytes; integers have fewer, and are always finite
 _PI = np.float32(np.pi)
 _ZERO, _INFINITY, _NAN = np.float32(0), np.float32(np.inf), np.float32(np.nan)
@@ -125,6 +126,50 @@ def _put_outside(modulation, maps, reasons):  # type: ignore[no-untyped-def]
                 map_[i] = _NAN
 
 
+@njit(fastmath=_FAST, inline="always")
+def _row(weights, row):  # type: ignore[no-untyped-def]
+    """Return one row of the weights of three frames as four numbers, which stay in registers."""
+    return weights[row, 0], weights[row, 1], weights[row, 2], weights[row, 3]
+
+
+@njit(fastmath=_FAST, inline="always")
+def _sum_of_three(row, x, y, z):  # type: ignore[no-untyped-def]
+    """Return a weighted sum of three grey values."""
+    return row[0] * x + row[1] * y + row[2] * z - row[3]
+
+
+@njit(fastmath=_FAST, inline="always")
+def _plain_pixel(a, c, s, peak, limits):  # type: ignore[no-untyped-def]
+    """Return phase (NaN where masked), modulation and reasons of one pixel."""
+    b = np.sqrt(c * c + s * s)
+    why = _flags(a, b, peak, limits)
+    angle = _angle(s, c, b)
+    return angle if why == _ZERO else _NAN, b, np.uint8(np.int32(why))
+
+
+@njit(fastmath=_FAST, error_model="numpy")
+def _plain_three(frames, start, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
+    """Demodulate one block of three frames, their sums in registers: a sixth of the time less."""
+    end = start + phase.shape[0]
+    one, two, three = frames[0, start:end], frames[1, start:end], frames[2, start:end]
+    row_a, row_c, row_s = _row(weights, 0), _row(weights, 1), _row(weights, 2)
+    for i in range(end - start):
+        x, y, z = np.float32(one[i]), np.float32(two[i]), np.float32(three[i])
+        a, c, s = _sum_of_three(row_a, x, y, z), _sum_of_three(row_c, x, y, z), _sum_of_three(row_s, x, y, z)
+        phase[i], modulation[i], reasons[i] = _plain_pixel(a, c, s, max(x, max(y, z)), limits)
+
+
+@njit(fastmath=_FAST, inline="always")
+def _plain_many(frames, start, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
+    """Demodulate one block of any number of frames."""
+    count = phase.shape[0]
+    sums, peak = np.empty((3, BLOCK), np.float32), np.empty(BLOCK, np.float32)
+    _three_sums(frames, start, count, weights, sums, peak)
+    a, c, s = sums[0], sums[1], sums[2]
+    for i in range(count):
+        phase[i], modulation[i], reasons[i] = _plain_pixel(a[i], c[i], s[i], peak[i], limits)
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
     """Demodulate without uncertainties: the least that a fast camera loop needs.
@@ -140,23 +185,15 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
     phase, modulation, reasons
         Outputs, (M,): float32 rad (NaN where masked), float32 grey levels, uint8 flags.
     """
-    pixels = phase.shape[0]
-    for block in prange((pixels + BLOCK - 1) // BLOCK):
-        start = block * BLOCK
-        count = min(BLOCK, pixels - start)
-        sums = np.empty((3, BLOCK), np.float32)
-        peak = np.empty(BLOCK, np.float32)
-        _three_sums(frames, start, count, weights, sums, peak)
-        a, c, s = sums[0], sums[1], sums[2]
-        out_p, out_m = phase[start : start + count], modulation[start : start + count]
-        out_r = reasons[start : start + count]
-        for i in range(count):
-            b = np.sqrt(c[i] * c[i] + s[i] * s[i])
-            why = _flags(a[i], b, peak[i], limits)
-            angle = _angle(s[i], c[i], b)
-            out_m[i] = b
-            out_r[i] = np.uint8(np.int32(why))
-            out_p[i] = angle if why == _ZERO else _NAN
+    pixels, three = phase.shape[0], frames.shape[0] == _THREE
+    size = 4 * BLOCK if three else BLOCK
+    for block in prange((pixels + size - 1) // size):
+        start, end = block * size, min((block + 1) * size, pixels)
+        out_p, out_m, out_r = phase[start:end], modulation[start:end], reasons[start:end]
+        if three:
+            _plain_three(frames, start, weights, limits, out_p, out_m, out_r)
+        else:
+            _plain_many(frames, start, weights, limits, out_p, out_m, out_r)
         if frames.itemsize == _FLOAT_SIZE:
             _put_outside(out_m, (out_p,), out_r)
 
@@ -182,6 +219,60 @@ def _variance(c, s, vcc, vss, vcs, floor):  # type: ignore[no-untyped-def]
     return max(numerator, floor * power) / (power * power)
 
 
+@njit(fastmath=_FAST, inline="always")
+def _full_pixel(sums, peak, misfit, covariance, floor, limits):  # type: ignore[no-untyped-def]
+    """Return phase, modulation, background, u(phi) and reasons of one pixel.
+
+    `misfit` is the mean square of the residuals; `covariance` is that of C and S (CC, SS, CS).
+    """
+    a, c, s = sums
+    b = np.sqrt(c * c + s * s)
+    variance = _variance(c, s, covariance[0], covariance[1], covariance[2], floor)
+    limit = max(limits.misfit_level, limits.misfit_share * b)
+    uncertain = (variance > limits.max_sigma_rad * limits.max_sigma_rad) & (b >= limits.min_modulation)
+    why = _flags(a, b, peak, limits) + _flag(uncertain, LOW_MODULATION) + _flag(misfit > limit * limit, MISFIT)
+    valid = why == _ZERO
+    angle, deviation = _angle(s, c, b), np.sqrt(variance)
+    return angle if valid else _NAN, b, a, deviation if valid else _NAN, np.uint8(np.int32(why))
+
+
+@njit(fastmath=_FAST, error_model="numpy")
+def _full_three(frames, start, weights, noise, limits, maps):  # type: ignore[no-untyped-def]
+    """Demodulate one block of three frames without shot noise, their sums in registers; they leave no residuals."""
+    phase, modulation, background, sigma, reasons = maps
+    end = start + phase.shape[0]
+    one, two, three = frames[0, start:end], frames[1, start:end], frames[2, start:end]
+    row_a, row_c, row_s = _row(weights, 0), _row(weights, 1), _row(weights, 2)
+    covariance, floor = (noise[0], noise[1], noise[2]), noise[3]
+    for i in range(end - start):
+        x, y, z = np.float32(one[i]), np.float32(two[i]), np.float32(three[i])
+        sums = _sum_of_three(row_a, x, y, z), _sum_of_three(row_c, x, y, z), _sum_of_three(row_s, x, y, z)
+        phase[i], modulation[i], background[i], sigma[i], reasons[i] = _full_pixel(
+            sums, max(x, max(y, z)), _ZERO, covariance, floor, limits
+        )
+
+
+@njit(fastmath=_FAST, inline="always")
+def _full_many(frames, start, weights, model, noise, limits, maps):  # type: ignore[no-untyped-def]
+    """Demodulate one block of any number of frames, with shot noise where the weights have its rows."""
+    phase, modulation, background, sigma, reasons = maps
+    count = phase.shape[0]
+    sums, rss = np.zeros((6, BLOCK), np.float32), np.zeros(BLOCK, np.float32)
+    peak = np.empty(BLOCK, np.float32)
+    if weights.shape[0] > _THREE:
+        _three_sums(frames, start, count, weights[3:], sums[3:], peak)
+    _three_sums(frames, start, count, weights, sums, peak)
+    if frames.shape[0] > _THREE:
+        _residuals(frames, start, count, model, sums, rss)
+    a, c, s, vcc, vss, vcs = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+    spare, floor = np.float32(1) / np.float32(max(frames.shape[0] - 3, 1)), noise[3]
+    for i in range(count):
+        covariance = vcc[i] + noise[0], vss[i] + noise[1], vcs[i] + noise[2]
+        phase[i], modulation[i], background[i], sigma[i], reasons[i] = _full_pixel(
+            (a[i], c[i], s[i]), peak[i], rss[i] * spare, covariance, floor, limits
+        )
+
+
 @njit(parallel=True, cache=True, fastmath=_FAST)
 def demodulate_full(frames, weights, model, noise, limits, phase, modulation, background, sigma, reasons):  # type: ignore[no-untyped-def]
     """Demodulate with background, u(phi) and the test of the residuals.
@@ -203,39 +294,14 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
     phase, modulation, background, sigma, reasons
         Outputs, (M,); phase and sigma are NaN where masked.
     """
-    pixels = phase.shape[0]
-    tested, shot = frames.shape[0] > 3, weights.shape[0] > 3
-    spare = np.float32(max(frames.shape[0] - 3, 1))
-    max_variance = limits.max_sigma_rad * limits.max_sigma_rad
-    for block in prange((pixels + BLOCK - 1) // BLOCK):
-        start = block * BLOCK
-        count = min(BLOCK, pixels - start)
-        sums = np.zeros((6, BLOCK), np.float32)
-        peak = np.empty(BLOCK, np.float32)
-        rss = np.zeros(BLOCK, np.float32)
-        if shot:
-            _three_sums(frames, start, count, weights[3:], sums[3:], peak)
-        _three_sums(frames, start, count, weights, sums, peak)
-        if tested:
-            _residuals(frames, start, count, model, sums, rss)
-        a, c, s, vcc, vss, vcs = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
-        out_p, out_m = phase[start : start + count], modulation[start : start + count]
-        out_a, out_u = background[start : start + count], sigma[start : start + count]
-        out_r = reasons[start : start + count]
-        for i in range(count):
-            b = np.sqrt(c[i] * c[i] + s[i] * s[i])
-            variance = _variance(c[i], s[i], vcc[i] + noise[0], vss[i] + noise[1], vcs[i] + noise[2], noise[3])
-            limit = max(limits.misfit_level, limits.misfit_share * b)
-            why = _flags(a[i], b, peak[i], limits)
-            uncertain = (variance > max_variance) & (b >= limits.min_modulation)
-            why += _flag(uncertain, LOW_MODULATION) + _flag(rss[i] > spare * limit * limit, MISFIT)
-            valid = why == _ZERO
-            angle = _angle(s[i], c[i], b)
-            deviation = np.sqrt(variance)
-            out_m[i] = b
-            out_a[i] = a[i]
-            out_r[i] = np.uint8(np.int32(why))
-            out_p[i] = angle if valid else _NAN
-            out_u[i] = deviation if valid else _NAN
+    pixels, three = phase.shape[0], (frames.shape[0] == _THREE) & (weights.shape[0] == _THREE)
+    size = 4 * BLOCK if three else BLOCK
+    for block in prange((pixels + size - 1) // size):
+        start, end = block * size, min((block + 1) * size, pixels)
+        maps = phase[start:end], modulation[start:end], background[start:end], sigma[start:end], reasons[start:end]
+        if three:
+            _full_three(frames, start, weights, noise, limits, maps)
+        else:
+            _full_many(frames, start, weights, model, noise, limits, maps)
         if frames.itemsize == _FLOAT_SIZE:
-            _put_outside(out_m, (out_p, out_u), out_r)
+            _put_outside(maps[1], (maps[0], maps[3]), maps[4])
