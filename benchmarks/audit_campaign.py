@@ -1,7 +1,7 @@
 """Does an audit see what it says it sees, and name what moved? Counts over virtual rigs, against what is promised.
 
-Run: python benchmarks/audit_campaign.py [--rigs 5] [--seed 1] [--csv FILE]. Every rig draws its own lamp, pitch, camera tilt,
-noise and true strip height, and is commissioned once; then each of seven things happens to it, and it is
+Run: python benchmarks/audit_campaign.py [--rigs 5] [--seed 1] [--csv FILE]. Every rig draws its own lamp, pitch,
+camera tilt, noise and true strip height, and is commissioned once; then each of seven things happens to it, and it is
 audited with grid, plate and strips laid anew. The pictures and what happens in them are the simulator's. With --csv
 a row is written after every audit, and what stands in the file is not done again.
 """

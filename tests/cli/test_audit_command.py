@@ -4,12 +4,14 @@ import json
 
 from jsonschema import Draft202012Validator
 
+from fringecal.history.review import series_of
+from fringecal.history.store import open_history
 from fringecal.records.schemas import published_schema
 
 
 def test_the_calibrations_own_session_passes(run, data, calibration, tmp_path):
-    out = tmp_path / "audit"
-    outcome = run("audit", data / "oblique", "--calibration", calibration, "--out", out, "--json")
+    out, db = tmp_path / "audit", tmp_path / "history.db"
+    outcome = run("audit", data / "oblique", "--calibration", calibration, "--out", out, "--history", db, "--json")
     assert outcome.code == 0
     Draft202012Validator(published_schema("audit")).validate(outcome.document)
     assert json.loads((out / "audit.json").read_text()) == outcome.document
@@ -17,6 +19,26 @@ def test_the_calibrations_own_session_passes(run, data, calibration, tmp_path):
     assert outcome.document["captures"] == ["grid", "reference", "strips", "bars"]
     assert any(check["name"].startswith("mean error") for check in outcome.document["checks"])
     assert {"report.html", "tables", "figures"} <= {path.name for path in out.iterdir()}
+    demand_in_history(run, out, db, outcome.document)
+
+
+def demand_in_history(run, out, db, record):
+    """The audit stands in the history, each change once, with the laboratory's limit."""
+    assert run("history", "add", out, "--db", db, "--json").document == {"added": 0}
+    shown = run("history", "show", "--db", db, "--json").document
+    assert [entry["kind"] for entry in shown["entries"]] == ["audit"]
+    quantities = [row["quantity"] for row in shown["quantities"]]
+    for change in record["changes"]:
+        assert quantities.count(f"change of {change['name']}") == 1
+        assert f"check: change of {change['name']}" not in quantities
+    with open_history(db) as history:
+        rows = history.readings(quantity="change of scale")
+    row = rows.iloc[0]
+    (scale,) = [change for change in record["changes"] if change["name"] == "scale"]
+    for column in ("value", "u", "unit", "limit", "en", "decision"):
+        assert row[column] == scale[column]
+    # The laboratory's limit for the change is what the charts take.
+    assert series_of(rows).limit == scale["limit"]
 
 
 def test_a_limit_of_the_laboratory_decides(run, session, calibration, tmp_path):

@@ -26,6 +26,7 @@ VERBS = (
     "history",
     "study",
     "audit",
+    "rerun",
 )
 
 

@@ -8,6 +8,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
+from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 
 HELP = """Compare a rig with its calibration in force: what changed, by how much, and what probably moved.
@@ -31,6 +32,7 @@ def audit(
     calibration: Path = typer.Option(..., "--calibration", help="calibration.json in force."),
     out: Path = typer.Option(..., "--out", help="Folder for the results."),
     limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
+    history: str = typer.Option("", "--history", help="History to append the record to: SQLite file or URL."),
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, audit, save, print."""
@@ -58,6 +60,8 @@ def audit(
         with result_folder(out, last=AUDIT_FILE) as staging:
             write_report(report, staging)
             write_audit(record, staging)
+    if history:
+        append_record(out / AUDIT_FILE, history)
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if record.verdict == "fail" else 0)

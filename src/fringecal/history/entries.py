@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from fringecal.errors import HistoryError
+from fringecal.records.audit import AUDIT_FILE, AUDIT_FORMAT, AuditRecord
 from fringecal.records.calibration import CALIBRATION_FILE, CALIBRATION_FORMAT, CalibrationRecord
 from fringecal.records.documents import read_document
 from fringecal.records.parts import Check, EstimateRecord, Provenance
@@ -110,7 +111,7 @@ def _entry(record: Any, kind: "_Kind", text: bytes, source: str) -> Entry:
         created=created,
         sha256=hashlib.sha256(text).hexdigest(),
         decision=max((check.decision for check in record.checks), key=_SEVERITY.index, default="info"),
-        readings=(*kind.readings(record), *_check_readings(record.checks)),
+        readings=tuple(_readings(record, kind)),
         operator=session.operator,
         temperature_degC=session.temperature_degC,
         minutes_since_power_on=session.minutes_since_power_on,
@@ -120,9 +121,16 @@ def _entry(record: Any, kind: "_Kind", text: bytes, source: str) -> Entry:
     )
 
 
-def _check_readings(checks: tuple[Check, ...]) -> Iterator[Reading]:
+def _readings(record: Any, kind: "_Kind") -> Iterator[Reading]:
+    """Give a record's quantities, then its checks but for those of a quantity that is there already."""
+    quantities = tuple(kind.readings(record))
+    yield from quantities
+    yield from _check_readings(record.checks, known={reading.quantity for reading in quantities})
+
+
+def _check_readings(checks: tuple[Check, ...], *, known: set[str]) -> Iterator[Reading]:
     for check in checks:
-        if check.value is not None:
+        if check.value is not None and check.name not in known:
             yield Reading(
                 f"check: {check.name}",
                 check.value,
@@ -161,6 +169,13 @@ def _of_verification(record: VerificationRecord) -> Iterator[Reading]:
         yield Reading(f"{artefact}: {reading.name}", *values)
 
 
+def _of_audit(record: AuditRecord) -> Iterator[Reading]:
+    """Give the changes since the calibration in force, under the names of their checks."""
+    for change in record.changes:
+        judged = (change.en, change.limit, change.decision)
+        yield Reading(f"change of {change.name}", change.value, change.unit, change.u, None, None, None, *judged)
+
+
 @dataclass(frozen=True)
 class _Kind:
     name: str
@@ -172,4 +187,5 @@ class _Kind:
 _KINDS = {
     CALIBRATION_FORMAT: _Kind("calibration", CALIBRATION_FILE, CalibrationRecord, _of_calibration),
     VERIFICATION_FORMAT: _Kind("verification", VERIFICATION_FILE, VerificationRecord, _of_verification),
+    AUDIT_FORMAT: _Kind("audit", AUDIT_FILE, AuditRecord, _of_audit),
 }

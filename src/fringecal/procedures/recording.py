@@ -67,6 +67,7 @@ def calibration_record(
             "scale.mean": budget_rows(found.camera.scale_budget),
         },
         checks=commissioning_checks(found, limits),
+        limits=limits,
         targets=_targets_of(found.session),
         notes=(
             found.reference.sentence(),
@@ -181,13 +182,14 @@ def session_note(session: Session) -> SessionNote:
 
 
 def inputs_of(session: Session, *, only: Capture | None = None) -> tuple[InputFile, ...]:
-    """Return the files used, with their hashes."""
-    captures = session.captures.values() if only is None else (only,)
-    return tuple(
-        InputFile(capture=c.name, file=path.name, sha256=digest)
-        for c in captures
-        for path, digest in zip(c.paths, c.sha256, strict=True)
-    )
+    """Return the files of a session, or of one capture, with their hashes; shared ones belong to no capture."""
+    whose = {
+        path.relative_to(session.folder).as_posix(): capture.name
+        for capture in session.captures.values()
+        for path in (*capture.paths, *capture.gray_paths)
+    }
+    files = [InputFile(capture=whose.get(file, ""), file=file, sha256=sha) for file, sha in session.inputs.items()]
+    return tuple(file for file in files if only is None or file.capture == only.name)
 
 
 def budget_rows(contributions: Mapping[str, float]) -> tuple[BudgetRow, ...]:

@@ -8,6 +8,7 @@ from pydantic import Field, model_validator
 
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.lens import LensRecord
+from fringecal.records.limits import Limits
 from fringecal.records.parts import (
     BudgetRow,
     Check,
@@ -229,6 +230,7 @@ class CalibrationRecord(Provenance):
     rig: RigRecord
     budgets: dict[str, tuple[BudgetRow, ...]] = Field(default_factory=dict, description="rows by quantity")
     checks: tuple[Check, ...] = ()
+    limits: Limits | None = Field(default=None, description="what was judged by; null in records of older versions")
     targets: dict[str, dict[str, Any]] = Field(
         default_factory=dict, description="full content of each target used, by its name"
     )

@@ -110,7 +110,11 @@ class Check(Part):
 
 
 class InputFile(Part):
-    """A file that the results were computed from."""
+    """A file that the results were computed from.
+
+    `capture` is empty for what belongs to the whole session (session.toml, targets, a lens); `file` is the path in
+    the session's folder, in older records the name alone.
+    """
 
     capture: str
     file: str

@@ -1,0 +1,75 @@
+"""`fringecal rerun`: a calibration once more from its record, number by number."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import progress
+
+if TYPE_CHECKING:
+    from fringecal.procedures.rerun import Rerun
+
+HELP = """Run a calibration again from its record: same files by hash, same numbers.
+
+Nothing is written. A file that is missing or has another content is named, and nothing is run.
+Exit code 0 if every result is the same, 3 if one differs by more than 1 % of its u, 1 if it cannot be run.
+
+Example: fringecal rerun calibration/calibration.json --session bench/2026-11-22
+"""
+_SHOWN = 10
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="rerun", help=HELP)(rerun)
+
+
+def rerun(
+    record: Path = typer.Argument(..., help="calibration.json, or its folder.", show_default=False),
+    session: Path | None = typer.Option(
+        None, "--session", help="Folder of the session; by default the one that the record names.", show_default=False
+    ),
+    as_json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON document."),
+) -> None:
+    """Load, run again, print."""
+    from fringecal.procedures.rerun import rerun as run
+    from fringecal.procedures.rerun import session_folder
+    from fringecal.records.calibration import read_calibration
+
+    written = read_calibration(record)
+    folder = session or session_folder(written)
+    with progress(quiet=as_json) as show:
+        found = run(written, folder, progress=show)
+    if as_json:
+        print_json(_document(found))
+    else:
+        _tell(found)
+    if not found.agrees:
+        raise typer.Exit(3)
+
+
+def _document(found: "Rerun") -> dict[str, Any]:
+    differences = [
+        {"place": d.place, "then": d.then, "now": d.now, "part_of_u": d.part_of_u, "matters": d.matters}
+        for d in found.differences
+    ]
+    return {
+        "format": "fringecal-rerun/1",
+        "identical": found.identical,
+        "agrees": found.agrees,
+        "sentence": found.sentence,
+        "versions": {name: {"then": then, "now": now} for name, (then, now) in found.versions.items()},
+        "differences": differences,
+    }
+
+
+def _tell(found: "Rerun") -> None:
+    worst = sorted(found.differences, key=lambda d: (not d.matters, -(d.part_of_u or 0.0)))
+    for d in worst[:_SHOWN]:
+        part = "" if d.part_of_u is None else f" ({d.part_of_u:.2g} of u)"
+        console.print(f"  {d.place}: {d.then} then, {d.now} now{part}", markup=False, highlight=False, soft_wrap=True)
+    if len(worst) > _SHOWN:
+        console.print(f"  and {len(worst) - _SHOWN} more; --json lists all", markup=False, highlight=False)
+    console.print(found.sentence, markup=False, highlight=False, soft_wrap=True)
