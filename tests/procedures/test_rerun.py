@@ -34,10 +34,11 @@ def test_an_archived_record_is_repeated(archived):
     written = read_calibration(archived)
     assert session_folder(written) == Path("session")
     found = rerun(written, archived / "session")
-    assert found.agrees, found.sentence
     assert found.fresh.inputs == written.inputs
-    if not found.versions:
-        assert found.identical, found.differences
+    assert {check.name: check.decision for check in found.fresh.checks} == {c.name: c.decision for c in written.checks}
+    # Later versions may do better, and say so under "Numbers that change"; none may contradict an older one.
+    assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
+    assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
 
 
 # ---- what is no longer the same --------------------------------------------------------------------
