@@ -6,17 +6,11 @@ import pytest
 from fringecal.errors import PhaseError
 from fringecal.phase import (
     Noise,
-    beat_period,
-    beat_phase,
-    correct_gamma,
     count_fields,
     decode_gray,
-    demodulate,
-    estimate_waveform,
     fourier_phase,
     order_error_rate,
     smooth_phase,
-    unwrap,
     unwrap_gray,
     unwrap_guided,
     unwrap_temporal,
@@ -182,25 +176,3 @@ def test_smoothing_keeps_the_mask_and_lets_no_nan_out():
     assert (np.abs(found[np.isfinite(found)]) >= 3.09).all()
     with pytest.raises(PhaseError, match="odd size"):
         smooth_phase(phase, size=4)
-
-
-def test_two_real_wavelengths_on_wall_and_box(kamino_frames):
-    # Periods 66.67 and 100 projector px beat at 200. The order of the fine phase must be that of the neighbours
-    # in every smooth part: there, spatial unwrapping of the fine phase alone is an independent answer.
-    steps = np.deg2rad([-120, 0, 120])
-    fine, coarse = (correct_gamma(demodulate(f, steps), steps, estimate_waveform(f, steps)) for f in kamino_frames)
-    both = fine.valid & coarse.valid
-    beat = unwrap(np.angle(np.exp(1j * beat_phase(fine.phase, coarse.phase))), both)
-    ratio = beat_period(200 / 3, 100.0) / (200 / 3)
-    found = unwrap_temporal(beat.phase, fine.phase, ratio)
-    wall, box = np.s_[30:180, 420:1900], np.s_[450:950, 720:1000]
-    for part, share in ((wall, 0.999), (box, 0.98)):
-        alone = unwrap(fine.phase[part], both[part])
-        main = alone.pieces == np.bincount(alone.pieces[alone.pieces > 0]).argmax()
-        orders = np.rint((found[part] - alone.phase)[main] / (2 * np.pi))
-        assert (orders == np.median(orders)).mean() > share
-    # The same projector column must come from both periods, on wall and box: 200/3 px is 2 pi, 100 px is 2 pi.
-    long = unwrap_temporal(beat.phase, coarse.phase, 2.0)
-    for part in (wall, box):
-        column = (found[part] * 200 / 3 - long[part] * 100) / (2 * np.pi)
-        assert np.nanpercentile(np.abs(column), 95) < 33  # half a fine fringe: no order apart

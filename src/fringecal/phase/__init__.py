@@ -1,5 +1,6 @@
 """Pixels only: schemes, demodulation with noise and mask, unwrapping, and a doctor for the frames."""
 
+from fringecal.phase.absolute import AbsolutePhase, absolute_phase
 from fringecal.phase.adapted import Adapted, demodulate_adapted
 from fringecal.phase.corrections import correct_steps, equalise
 from fringecal.phase.counting import count_fields
@@ -10,6 +11,7 @@ from fringecal.phase.fourier import fourier_phase
 from fringecal.phase.gray import decode_gray, unwrap_gray
 from fringecal.phase.guided import unwrap_guided
 from fringecal.phase.noise import Noise, estimate_noise, noise_from_repeats
+from fringecal.phase.orders import FringeOrders, decide_orders
 from fringecal.phase.period import FringePeriod, carrier, fringe_period, phase_gradient
 from fringecal.phase.repeats import RepeatScatter, compare_repeats, findings_of_repeats, mean_of_repeats
 from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadrant_phase, scheme
@@ -22,9 +24,11 @@ from fringecal.phase.unwrap import Unwrapped, unwrap
 from fringecal.phase.waveform import Waveform, correct_gamma, estimate_waveform, phase_error
 
 __all__ = [
+    "AbsolutePhase",
     "Adapted",
     "Diagnosis",
     "Finding",
+    "FringeOrders",
     "FringePeriod",
     "Noise",
     "PhaseMap",
@@ -35,6 +39,7 @@ __all__ = [
     "StepEstimate",
     "Unwrapped",
     "Waveform",
+    "absolute_phase",
     "beat_period",
     "beat_phase",
     "buckets",
@@ -44,6 +49,7 @@ __all__ = [
     "correct_gamma",
     "correct_steps",
     "count_fields",
+    "decide_orders",
     "decode_gray",
     "demodulate",
     "demodulate_adapted",

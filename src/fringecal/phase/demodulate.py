@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.phase import kernels
 from fringecal.phase.noise import Noise, estimate_noise
+from fringecal.phase.orders import FringeOrders
 from fringecal.phase.schemes import Scheme, least_squares
 
 MAX_SIGMA_RAD = 0.25
@@ -55,6 +56,8 @@ class PhaseMap:
         Flags of `Reason`, uint8; 0 = valid.
     noise
         The camera's noise that `sigma` follows from.
+    orders
+        Orders of the fringes where further periods of the same scene decide them.
     """
 
     phase: NDArray[np.float32]
@@ -63,6 +66,7 @@ class PhaseMap:
     sigma: NDArray[np.float32]
     reasons: NDArray[np.uint8]
     noise: Noise
+    orders: FringeOrders | None = None
 
     @property
     def valid(self) -> NDArray[np.bool_]:

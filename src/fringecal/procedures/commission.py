@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.detect.grid import GridDetection
 from fringecal.errors import DetectionError, FitError, SessionError
+from fringecal.phase.demodulate import PhaseMap
+from fringecal.phase.orders import PlateOrders
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.camera import CameraFindings, measure_camera
 from fringecal.procedures.examination import Examination, examine
@@ -38,7 +40,7 @@ from fringecal.projection.fit import RigFit
 from fringecal.projection.order import OrderDecision
 from fringecal.projection.phase_breaks import phase_breaks
 from fringecal.projection.sampling import pick_points
-from fringecal.projection.strip_orders import OrderedStrips, order_strips
+from fringecal.projection.strip_orders import MeasuredStep, OrderedStrips, order_strips
 from fringecal.projection.strips import StripPhase, measure_strips
 from fringecal.projection.theory import Displacement, displacement, reflected_source
 from fringecal.projection.whole_fringes import explained
@@ -183,7 +185,13 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
         height = float(np.mean(target.height_mm.array(target.count)))
         raise explained(error, plate_phase, camera.fit.camera, height, near) from error
     progress("fringe order of the strips")
-    ordered = order_strips(plate_phase, strips, camera.fit.camera, projector_mm=near)
+    ordered = order_strips(
+        plate_phase,
+        strips,
+        camera.fit.camera,
+        projector_mm=near,
+        measured=measured_step(strips_capture.map, reference.map),
+    )
     observations, orders = _observations(plate_phase, strips, ordered)
     progress("joint fit of the rig")
     noise = float(np.nanmedian(reference.map.sigma[reference.map.valid]))
@@ -205,9 +213,21 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
                 break
     progress("projection angle")
     captures = (reference, strips_capture)
-    calibration = replace(calibration, wave=wave)
+    counted = None if reference.orders is None else PlateOrders.of(reference.orders, plate_phase)
+    calibration = replace(calibration, wave=wave, orders=counted)
     found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
     return replace(found, further=further)
+
+
+def measured_step(above: PhaseMap, plate: PhaseMap) -> MeasuredStep | None:
+    """Return the phase over the bare plate's as several fringe periods give it; None with one period."""
+    if above.orders is None or plate.orders is None or above.orders.cycle != plate.orders.cycle:
+        return None
+    tie = PlateOrders.of(plate.orders, plate.orders.phase)
+    number = None if tie is None else tie.number_for(above.orders)
+    if number is None:
+        return None
+    return MeasuredStep(above.orders.phase.astype(float) + 2 * np.pi * number - plate.orders.phase, above.orders.cycle)
 
 
 def _demand(session: Session, *kinds: str) -> None:

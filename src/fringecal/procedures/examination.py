@@ -8,7 +8,7 @@ from fringecal.errors import PhaseError
 from fringecal.phase.doctor import Diagnosis, diagnose
 from fringecal.phase.evidence import Finding
 from fringecal.phase.repeats import compare_repeats, findings_of_repeats
-from fringecal.procedures.frames import CapturePhase
+from fringecal.procedures.frames import CapturePhase, shortest_period
 from fringecal.projection.calibration import RigCalibration
 from fringecal.session import Capture, Session
 
@@ -54,8 +54,9 @@ def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture 
         The bare plate's capture of the same session, where `phase` shows something else.
     """
     capture = phase.capture
-    frames = capture.read_set()
-    bare = None if plate is None else plate.read_set()
+    period = shortest_period(capture)
+    frames = capture.read_set(period=period)
+    bare = None if plate is None else plate.read_set(period=period)
     found = diagnose(
         frames,
         capture.steps_rad,
@@ -85,7 +86,7 @@ def _with_repeats(found: Diagnosis, capture: Capture, calibration: RigCalibratio
     """Add what repeats of the set show."""
     if capture.repeat < 2:
         return found
-    sets = np.stack([capture.read_set(repeat=k) for k in range(capture.repeat)])
+    sets = np.stack([capture.read_set(repeat=k, period=shortest_period(capture)) for k in range(capture.repeat)])
     try:
         scatter = compare_repeats(sets, capture.steps_rad, white_level=capture.white_level)
     except PhaseError as error:

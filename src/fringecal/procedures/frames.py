@@ -1,14 +1,15 @@
 """A capture's frames become a phase map: with the model as stated, or as the frames show it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError, SessionError
 from fringecal.phase.adapted import Adapted, demodulate_adapted
 from fringecal.phase.demodulate import PhaseMap
+from fringecal.phase.orders import FringeOrders, decide_orders
 from fringecal.phase.repeats import mean_of_repeats
 from fringecal.phase.steps import StepEstimate
 from fringecal.phase.waveform import Waveform
@@ -21,11 +22,17 @@ class CapturePhase:
 
     capture: Capture
     adapted: Adapted
+    orders: FringeOrders | None = None
 
     @property
     def map(self) -> PhaseMap:
-        """The phase map, corrected."""
-        return self.adapted.map
+        """The phase map of the shortest period, corrected, with its orders where further periods decide them."""
+        return replace(self.adapted.map, orders=self.orders)
+
+    def again(self, frames: ArrayLike) -> PhaseMap:
+        """Demodulate other frames of the same set, such as filtered ones, with the same corrections and orders."""
+        map_ = self.adapted.again(frames, white_level=self.capture.white_level)
+        return map_ if self.orders is None else replace(map_, orders=self.orders.of(map_.phase))
 
     @property
     def steps_rad(self) -> tuple[float, ...]:
@@ -46,21 +53,20 @@ class CapturePhase:
         """Say plainly which model was used and why."""
         stated = ", ".join(f"{math.degrees(s):.1f}" for s in self.capture.steps_rad)
         notes = "".join(f"; {note}" for note in self.adapted.notes)
+        notes += "" if self.orders is None else f"; {self.orders.sentence()}"
         if not self.adapted.undone:
             return f"{self.capture.name}: steps as stated ({stated} deg){notes}."
         undone = "; ".join(self.adapted.undone)
         return f"{self.capture.name}: the frames do not fit the stated model ({stated} deg): {undone}{notes}."
 
 
-def phase_of_capture(capture: Capture, *, set_number: int = 0, wave: Waveform | None = None) -> CapturePhase:
+def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> CapturePhase:
     """Demodulate a capture; where the stated steps, even light and cosine do not fit, as its frames show them.
 
     Parameters
     ----------
     capture
-        A phase-shifted capture.
-    set_number
-        Which fringe period of a multi-frequency capture.
+        A phase-shifted capture. Of several fringe periods the shortest gives the phase, the others its orders.
     wave
         Shape of the fringes as found on the bare plate.
 
@@ -69,24 +75,48 @@ def phase_of_capture(capture: Capture, *, set_number: int = 0, wave: Waveform | 
     SessionError
         The capture has no steps.
     PhaseError
-        The frames hold no phase.
+        The frames hold no phase, or contradict the stated periods.
     """
     if not capture.steps_rad:
         raise SessionError(
             [f"capture {capture.name!r}: no phase steps; state steps_deg under [phase] or in the capture"]
         )
-    frames = frames_of(capture, period=set_number)
-    adapted = demodulate_adapted(frames, capture.steps_rad, white_level=capture.white_level, wave=wave)
+    adapted = _adapted(capture, shortest_period(capture), wave)
     if not adapted.map.valid.any():
         raise PhaseError(
             f"capture {capture.name!r}: no pixel carries fringes ({_why(adapted.map)}). Check lamp, focus and "
             "exposure, and that the frames are those of a phase-shifted set."
         )
-    return CapturePhase(capture, adapted)
+    return CapturePhase(capture, adapted, _orders(capture, adapted))
 
 
-def frames_of(capture: Capture, *, period: int = 0) -> NDArray[np.generic]:
-    """Return the frames of one fringe period: as taken, or the mean of the repeats."""
+def shortest_period(capture: Capture) -> int:
+    """Return the number of the set with the shortest fringes, which carries the phase."""
+    return int(np.argmin(capture.periods)) if capture.periods else 0
+
+
+def _adapted(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
+    """Demodulate one of a capture's sets."""
+    frames = frames_of(capture, period=period)
+    return demodulate_adapted(frames, capture.steps_rad, white_level=capture.white_level, wave=wave)
+
+
+def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:
+    """Decide orders by the capture's further periods, where it has some."""
+    if len(capture.periods) < 2:
+        return None
+    shortest = shortest_period(capture)
+    # Few wide fringes do not show their own shape: it is that of the narrow ones, from the same projector.
+    maps = [main.map if k == shortest else _adapted(capture, k, main.wave).map for k in range(len(capture.periods))]
+    try:
+        return decide_orders([m.phase for m in maps], [m.sigma for m in maps], capture.periods)
+    except PhaseError as error:
+        raise PhaseError(f"capture {capture.name!r}: {error}") from error
+
+
+def frames_of(capture: Capture, *, period: int | None = None) -> NDArray[np.generic]:
+    """Return the frames of one fringe period, by default the shortest: as taken, or the mean of the repeats."""
+    period = shortest_period(capture) if period is None else period
     if capture.repeat < 2:
         return capture.read_set(period=period)
     sets = np.stack([capture.read_set(repeat=k, period=period) for k in range(capture.repeat)])

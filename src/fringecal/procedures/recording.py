@@ -14,7 +14,14 @@ from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning, projector_of
 from fringecal.procedures.lens_recording import lens_record
-from fringecal.procedures.recording_phase import findings_of, steps_record, wave_of, wave_record
+from fringecal.procedures.recording_phase import (
+    findings_of,
+    orders_of,
+    orders_record,
+    steps_record,
+    wave_of,
+    wave_record,
+)
 from fringecal.procedures.verification import Verification
 from fringecal.projection.advice import Advice
 from fringecal.projection.calibration import Mode, RigCalibration
@@ -58,6 +65,7 @@ def calibration_record(
         lens=_known_lens_record(found),
         steps=tuple(steps_record(one) for one in found.examined),
         wave=wave_record(found.calibration.wave),
+        orders=orders_record(found.calibration.orders),
         scale=record.ScaleRecord(**scales),
         distortion=_distortion_record(found),
         projection=_projection_record(found),
@@ -133,7 +141,9 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
     projector = np.full(3, np.inf) if written.rig.projector_mm is None else np.array(written.rig.projector_mm)
     model = RigModel(np.array(written.rig.parameters), projector, residual)
     modes = tuple(Mode(m.label, np.array(m.effect), np.inf if m.dof is None else m.dof) for m in written.rig.modes)
-    return RigCalibration(camera, model, modes, written.rig.excess_rad, wave_of(written.wave))
+    return RigCalibration(
+        camera, model, modes, written.rig.excess_rad, wave_of(written.wave), orders_of(written.orders)
+    )
 
 
 def verification_record(

@@ -5,9 +5,10 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.phase.orders import PlateOrders
 from fringecal.phase.waveform import Waveform
 from fringecal.procedures.examination import Examination
-from fringecal.records.phases import FindingRecord, StepsRecord, WaveRecord
+from fringecal.records.phases import FindingRecord, OrdersRecord, StepsRecord, WaveRecord
 
 
 def steps_record(examined: Examination) -> StepsRecord:
@@ -63,6 +64,16 @@ def wave_of(written: WaveRecord | None) -> Waveform | None:
         return None
     ratios = np.array(written.ratios_real) + 1j * np.array(written.ratios_imaginary)
     return Waveform(ratios, np.array(written.u), written.blocks)
+
+
+def orders_record(orders: PlateOrders | None) -> OrdersRecord | None:
+    """Return what the record keeps of how several periods number the fringes."""
+    return None if orders is None else OrdersRecord(**asdict(orders))
+
+
+def orders_of(written: OrdersRecord | None) -> PlateOrders | None:
+    """Return how several periods number the fringes, as a record holds it."""
+    return None if written is None else PlateOrders(**written.model_dump())
 
 
 def _numbers(values: NDArray) -> tuple[float, ...]:

@@ -39,7 +39,7 @@ def filtered_phase(phase: CapturePhase, name: str) -> PhaseMap:
         return phase.map
     frames = frames_of(phase.capture)
     smooth = np.stack([np.rint(filtered(frame, name)).astype(frames.dtype) for frame in frames])
-    return phase.adapted.again(smooth, white_level=phase.capture.white_level)
+    return phase.again(smooth)
 
 
 def filtered_heights(surface: HeightMap, name: str) -> HeightMap:

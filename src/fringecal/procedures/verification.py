@@ -163,7 +163,7 @@ def _filter_study(
     surfaces = {}
     for name in FILTERS:
         frames = _filtered_frames(frames_of(phase.capture), name)
-        phase_map = phase.adapted.again(frames, white_level=phase.capture.white_level)
+        phase_map = phase.again(frames)
         absolute = absolute_phase(phase_map, calibration, height_range_mm=heights)
         surfaces[name] = height_of_phase(absolute, calibration, height_range_mm=heights)
     return filter_study(surfaces, target, pose)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate_fit import CameraFit
+from fringecal.phase.orders import PlateOrders
 from fringecal.phase.waveform import Waveform
 from fringecal.projection.fit import PhasePoints, RigFit, fit_rig
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel, projector_point
@@ -37,7 +38,7 @@ class RigCalibration:
     """Camera, rig model and the modes of their joint uncertainty.
 
     The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
-    the shape of the fringes as found on the plate.
+    the shape of the fringes as found on the plate, `orders` how further periods number them.
     """
 
     camera: PlateCamera
@@ -45,6 +46,7 @@ class RigCalibration:
     modes: tuple[Mode, ...]
     excess_rad: float = 0.0
     wave: Waveform | None = None
+    orders: PlateOrders | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

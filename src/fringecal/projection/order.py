@@ -46,6 +46,7 @@ def decide_order(
     *,
     projector_mm: Array | None = None,
     orders: Sequence[int] | None = None,
+    measured: tuple[int, int] | None = None,
 ) -> OrderDecision:
     """Decide by how many fringes the phase of each piece of the strips is off.
 
@@ -59,6 +60,8 @@ def decide_order(
         Where the projector is said to stand; its predicted step then has a vote.
     orders
         Orders of the largest piece to try; by default every one that keeps the angle below 78 deg.
+    measured
+        That order as several fringe periods give it, and the cycle of fringes up to which it is known.
 
     Raises
     ------
@@ -66,7 +69,7 @@ def decide_order(
         No order makes sense, or several do and nothing tells them apart.
     """
     pieces = (strips,) if isinstance(strips, PhasePoints) else tuple(strips)
-    candidates = judge_orders(plate, pieces, projector_mm=projector_mm, orders=orders)
+    candidates = judge_orders(plate, pieces, projector_mm=projector_mm, orders=orders, measured=measured)
     if not candidates:
         raise FitError("No fringe order of the strips gives a rig at all: check strips, reference and steps.")
     if projector_mm is not None:

@@ -47,13 +47,19 @@ def judge_orders(
     *,
     projector_mm: Array | None = None,
     orders: Sequence[int] | None = None,
+    measured: tuple[int, int] | None = None,
 ) -> tuple[OrderCandidate, ...]:
-    """Return what every order of the largest piece would mean, the other pieces following it."""
+    """Return what every order of the largest piece would mean, the other pieces following it.
+
+    `measured` is that order as several fringe periods give it, and the cycle up to which it is known.
+    """
     model = plate_model(plate)
     thin = [_thinned(piece) for piece in pieces]
     anchor = max(range(len(pieces)), key=lambda i: pieces[i].phase_rad.size)
     sequence = _nearest_first(thin, anchor)
     tried = _orders(model, thin[anchor]) if orders is None else orders
+    if measured is not None:
+        tried = [k for k in tried if (k - measured[0]) % measured[1] == 0]
     return tuple(_judge(k, model, thin, sequence, projector_mm) for k in tried)
 
 

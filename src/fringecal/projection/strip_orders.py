@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 _POINTS_PER_PIECE = 1_500
 _PLATE_POINTS = 16_000
+_AGREED = 0.8  # of a piece's pixels that several periods must give one order
 _CLEARLY = 2.0  # residuals with another item's heights are at least this many times those with the right ones
 
 
@@ -46,12 +47,29 @@ class OrderedStrips:
         return found
 
 
+@dataclass(frozen=True)
+class MeasuredStep:
+    """Phase over the bare plate's as several fringe periods give it, rad, (H, W), and its cycle in fringes."""
+
+    step_rad: Array
+    cycle: int
+
+    def order(self, strips: StripPhase, number: int) -> tuple[int, int] | None:
+        """Return the order that a piece of strips lacks, and the cycle; None if its pixels are not of one mind."""
+        inside = strips.pieces == number
+        turns = (self.step_rad[inside] - strips.plate_drift_rad - strips.step_rad[inside]) / (2 * np.pi)
+        votes = np.bincount(np.rint(turns[np.isfinite(turns)]).astype(np.int64) % self.cycle, minlength=1)
+        agreed = votes.max() > _AGREED * np.count_nonzero(inside)
+        return (int(votes.argmax()), self.cycle) if agreed else None
+
+
 def order_strips(
     plate_phase: Array,
     strips: StripPhase,
     camera: PlateCamera,
     *,
     projector_mm: Array | None = None,
+    measured: MeasuredStep | None = None,
 ) -> OrderedStrips:
     """Decide the fringe order of all pieces of strip tops, and which way round unequal strips lie.
 
@@ -65,6 +83,8 @@ def order_strips(
         The camera on the plate.
     projector_mm
         Where the projector is said to stand.
+    measured
+        The step as several fringe periods give it, where they were taken.
 
     Raises
     ------
@@ -76,10 +96,12 @@ def order_strips(
     found: list[tuple[tuple[int, ...], OrderDecision]] = []
     errors: list[FitError] = []
     numbers = _usable(strips.pieces, absolute)
+    known = [None if measured is None else measured.order(strips, k) for k in numbers]
     for items in numberings(strips):
         points = [_piece(strips, absolute, k, items, camera) for k in numbers]
         try:
-            found.append((items, decide_order(plate, points, projector_mm=projector_mm)))
+            anchor = known[max(range(len(points)), key=lambda i: points[i].phase_rad.size)]
+            found.append((items, decide_order(plate, points, projector_mm=projector_mm, measured=anchor)))
         except FitError as error:
             errors.append(error)
     if not found:
@@ -87,8 +109,16 @@ def order_strips(
     items, decision = _best(found)
     offsets = np.zeros(int(strips.pieces.max()) + 1)
     offsets[:] = np.nan
-    offsets[numbers] = 2 * np.pi * np.array(decision.orders)
+    offsets[numbers] = 2 * np.pi * np.array([_agreeing(*pair) for pair in zip(decision.orders, known, strict=True)])
     return OrderedStrips(absolute + offsets[strips.pieces], items, decision)
+
+
+def _agreeing(order: int, measured: tuple[int, int] | None) -> int:
+    """Return the order nearest to one that was predicted which several periods bear out."""
+    if measured is None:
+        return order
+    lack, cycle = (measured[0] - order) % measured[1], measured[1]
+    return order + (lack if 2 * lack <= cycle else lack - cycle)
 
 
 def _usable(pieces: NDArray[np.int32], absolute: Array) -> list[int]:

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.phase.absolute import pieces_in_cycles
 from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.regions import unwrap_regions
+from fringecal.phase.unwrap import Unwrapped
 from fringecal.projection.calibration import RigCalibration
+from fringecal.reconstruct.cycles import step_in_cycle
 from fringecal.reconstruct.height_map import Reason
 from fringecal.reconstruct.kernels import steps_over_plate
 from fringecal.reconstruct.levels import Levels, steps_at_levels
@@ -58,12 +61,22 @@ def absolute_phase(
         Heights that the object can have, where known.
     levels
         Heights of an artefact's surfaces, where known: they decide the order of pieces that touch no plate.
+
+    Notes
+    -----
+    Orders that further periods give are known up to their cycle: the step over the plate is unwrapped in cycles then,
+    instead of in fringes, and a piece that touches no plate is taken to lie less than a cycle above it.
     """
-    wrapped = _wrapped_step(phase_map, calibration)
+    wrapped, cycle = _wrapped_step(phase_map, calibration), 1
     valid = np.isfinite(wrapped)
     reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
     reasons[phase_map.valid & ~valid] = int(Reason.NO_RAY)
-    unwrapped = unwrap_regions(wrapped, valid)
+    if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
+        wrapped, cycle = in_cycle, phase_map.orders.cycle
+        valid = np.isfinite(wrapped)
+        unwrapped = _in_cycles(in_cycle, cycle)
+    else:
+        unwrapped = unwrap_regions(wrapped, valid)
     known = None
     if levels is not None and not levels.top:
         known = steps_at_levels(unwrapped.phase.copy(), valid, _level_steps(calibration, levels))
@@ -73,11 +86,44 @@ def absolute_phase(
         height_of=lambda step, pixels: _heights_at(calibration, step, pixels),
         height_range_mm=height_range_mm,
         tops_mm=levels.heights_mm if levels is not None and levels.top else (),
+        fringes_per_turn=cycle,
+        rising=_rising(calibration),
+        range_turns=_range_turns(calibration, height_range_mm, cycle),
     )
     step = pieces.step_rad if known is None else np.where(np.isfinite(known), known, pieces.step_rad)
     reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
     sigma = phase_map.sigma
     return ObjectPhase(step, sigma, reasons, len(pieces.undecided))
+
+
+def _in_cycles(step_rad: NDArray[np.float32], cycle: int) -> Unwrapped:
+    """Find what hangs together; pixels beside edges belong to no piece and keep their step."""
+    found = pieces_in_cycles(step_rad, cycle)
+    return Unwrapped(np.where(found.pieces > 0, found.phase, step_rad), found.pieces)
+
+
+def _steps_at_centre(calibration: RigCalibration, heights_mm: tuple[float, ...]) -> Array:
+    """Return the phase over the plate's of what stands so high in the middle of the picture, rad."""
+    u, v = (np.array([c]) for c in calibration.camera.centre_px)
+    rays = calibration.camera.rays(u, v)
+    z = np.array(heights_mm)
+    x, y = rays.at(z)
+    return calibration.model.phase(x, y, z) - calibration.model.phase(rays.ax, rays.ay, 0.0)
+
+
+def _rising(calibration: RigCalibration) -> int:
+    """Return the sign of the phase step of what stands on the plate."""
+    return int(np.sign(_steps_at_centre(calibration, (1.0,))[0]))
+
+
+def _range_turns(
+    calibration: RigCalibration, height_range_mm: tuple[float, float] | None, cycle: int
+) -> tuple[float, float]:
+    """Return in how many cycles over the plate the stated heights lie; no more than one where none are stated."""
+    if height_range_mm is None:
+        return 0.0, 0.0
+    low, high = _rising(calibration) * _steps_at_centre(calibration, height_range_mm) / (2 * np.pi * cycle)
+    return float(low), float(high)
 
 
 def _wrapped_step(phase_map: PhaseMap, calibration: RigCalibration) -> NDArray[np.float32]:

@@ -22,7 +22,7 @@ from fringecal.records.parts import (
     VectorU,
     is_covariance,
 )
-from fringecal.records.phases import StepsRecord, WaveRecord
+from fringecal.records.phases import OrdersRecord, StepsRecord, WaveRecord
 
 CALIBRATION_FORMAT: Final = "fringecal-calibration/1"
 CALIBRATION_FILE = "calibration.json"
@@ -224,6 +224,7 @@ class CalibrationRecord(Provenance):
     lens: LensRecord | None = Field(default=None, description="the lens as stated or solved before the grid")
     steps: tuple[StepsRecord, ...] = ()
     wave: WaveRecord | None = Field(default=None, description="shape of the fringes; null where not measured")
+    orders: OrdersRecord | None = Field(default=None, description="how several periods number the fringes")
     scale: ScaleRecord
     distortion: DistortionRecord
     projection: ProjectionRecord

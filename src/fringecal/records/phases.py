@@ -58,3 +58,22 @@ class WaveRecord(Part):
         if not len(self.ratios_real) == len(self.ratios_imaginary) == len(self.u):
             raise ValueError("ratios_real, ratios_imaginary and u must be equally long")
         return self
+
+
+class OrdersRecord(Part):
+    """How the rig counts the fringes of several periods: ratios of the shortest period to each longer one.
+
+    `zeros_rad` are the longer fringes' phases where the shortest is 0; `number` is added to the orders that the
+    periods give, up to whole cycles.
+    """
+
+    cycle: int = Field(gt=0, description="fringes after which all periods meet again")
+    ratios: tuple[float, ...]
+    zeros_rad: tuple[float, ...]
+    number: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _one_zero_for_each(self) -> Self:
+        if len(self.ratios) != len(self.zeros_rad):
+            raise ValueError("ratios and zeros_rad must be equally long")
+        return self

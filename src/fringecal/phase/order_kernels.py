@@ -1,0 +1,127 @@
+"""The loops of `orders`: misfit of every order at every pixel, and over its neighbours where that is not enough."""
+
+import numpy as np
+from numba import njit, prange
+
+_TWO_PI = 2 * np.pi
+_FAR_BETTER = 4.0
+_REACH = 2  # pixels to each side that a doubtful pixel asks
+
+
+@njit(inline="always")
+def _misfit(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyped-def]
+    """Return the misfit of order n at a pixel; a longer fringe that is masked has no say."""
+    total = 0.0
+    for k in range(ratios.size):
+        off = long[k, i, j] - ratios[k] * (phi + _TWO_PI * n) - zeros[k]
+        off -= _TWO_PI * np.rint(off / _TWO_PI)
+        if off == off:
+            total += (off / u_long[k, i, j]) ** 2
+    return total
+
+
+@njit(inline="always")
+def _best_two(misfits):  # type: ignore[no-untyped-def]
+    """Return the least misfit's place, the least and the second least."""
+    place, least, second = 0, np.inf, np.inf
+    for n in range(misfits.size):
+        if misfits[n] < least:
+            place, least, second = n, misfits[n], least
+        elif misfits[n] < second:
+            second = misfits[n]
+    return place, least, second
+
+
+@njit(parallel=True, cache=True)
+def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignore[no-untyped-def]
+    """Return the order of every pixel, -1 where open, and where the neighbours were asked."""
+    height, width = phi.shape
+    found = np.full((height, width), -1, np.int16)
+    asked = np.zeros((height, width), np.bool_)
+    for i in prange(height):
+        misfits = np.empty(cycle)
+        for j in range(width):
+            if not np.isfinite(phi[i, j]):
+                continue
+            for n in range(cycle):
+                misfits[n] = _misfit(phi[i, j], n, long, u_long, i, j, ratios, zeros)
+            place, least, second = _best_two(misfits)
+            if second - least > clear and least < most * ratios.size:
+                found[i, j] = place
+                continue
+            asked[i, j] = True
+            count = _over_window(phi, long, u_long, ratios, zeros, i, j, misfits)
+            place, least, second = _best_two(misfits)
+            # A ripple that all of them share misfits every order, but the right one far less than the others.
+            fits = least < most * ratios.size * (1 + 0.2 * count) or second > _FAR_BETTER * least
+            if second - least > clear and fits:
+                found[i, j] = place
+    return found, asked
+
+
+@njit
+def _over_window(phi, long, u_long, ratios, zeros, i, j, misfits):  # type: ignore[no-untyped-def]
+    """Sum the misfits over the neighbours, each in the order that continues the pixel's own."""
+    height, width = phi.shape
+    cycle = misfits.size
+    misfits[:] = 0.0
+    count = 0
+    for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
+        for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
+            there = phi[a, b]
+            if not np.isfinite(there):
+                continue
+            over = np.rint((phi[i, j] - there) / _TWO_PI)
+            count += 1
+            for n in range(cycle):
+                misfits[n] += _misfit(there, n + over, long, u_long, a, b, ratios, zeros)
+    return count
+
+
+@njit(parallel=True, cache=True)
+def alone(absolute, cycle_rad):  # type: ignore[no-untyped-def]
+    """Tell which pixels have fewer than three neighbours within half a fringe: at edges, orders may be by chance."""
+    height, width = absolute.shape
+    found = np.zeros((height, width), np.bool_)
+    for i in prange(height):
+        for j in range(width):
+            here, near = absolute[i, j], 0
+            for a in range(max(0, i - 1), min(height, i + 2)):
+                for b in range(max(0, j - 1), min(width, j + 2)):
+                    off = absolute[a, b] - here
+                    near += abs(off - cycle_rad * np.rint(off / cycle_rad)) < np.pi  # one is the pixel itself
+            found[i, j] = near < 4
+    return found
+
+
+@njit(cache=True)
+def hang_together(absolute, cycle_rad, most_rad):  # type: ignore[no-untyped-def]
+    """Label what hangs together by steps of less than `most_rad`, and count whole cycles along it.
+
+    Returns the phase, continuous within each piece, float64, and labels from 1 in raster order; 0 is masked.
+    """
+    height, width = absolute.shape
+    values = np.full((height, width), np.nan)
+    labels = np.zeros((height, width), np.int32)
+    queue = np.empty(height * width, np.int64)
+    number = 0
+    for start in range(height * width):
+        i, j = start // width, start % width
+        if labels[i, j] > 0 or not np.isfinite(absolute[i, j]):
+            continue
+        number += 1
+        labels[i, j], values[i, j] = number, absolute[i, j]
+        queue[0], first, last = start, 0, 1
+        while first < last:
+            i, j = queue[first] // width, queue[first] % width
+            first += 1
+            for di, dj in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+                a, b = i + di, j + dj
+                if 0 <= a < height and 0 <= b < width and labels[a, b] == 0:
+                    off = absolute[a, b] - values[i, j]
+                    off -= cycle_rad * np.rint(off / cycle_rad)
+                    if abs(off) < most_rad:
+                        labels[a, b], values[a, b] = number, values[i, j] + off
+                        queue[last] = a * width + b
+                        last += 1
+    return values, labels
