@@ -13,6 +13,7 @@ from numba import njit, prange
 
 _FAST = {"contract", "nsz"}  # NaN marks masked pixels and must survive
 _TWO_PI = 2 * np.pi
+_STRIP = 256  # pixels of a row taken at a time: fourteen buffers of this length stay in a 32 KiB first-level cache
 _ROUNDS = 2  # the residual is smooth: each round gains two to three digits, and float32 has seven
 
 
@@ -59,7 +60,7 @@ class Maps(NamedTuple):
     reasons: np.ndarray
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _polynomial(coefficients, t, out):  # type: ignore[no-untyped-def]
     """Horner's rule over a row."""
     out[:] = coefficients[-1]
@@ -69,7 +70,7 @@ def _polynomial(coefficients, t, out):  # type: ignore[no-untyped-def]
             out[j] = out[j] * t[j] + c
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _plate_residual(x, y, rig, work, out):  # type: ignore[no-untyped-def]
     """Horner's rule in both plate coordinates, each clamped to the box."""
     s, t, inner = work[0], work[1], work[2]
@@ -90,7 +91,7 @@ def _plate_residual(x, y, rig, work, out):  # type: ignore[no-untyped-def]
             out[j] = out[j] * s[j] + inner[j]
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _plate_phase(rig, ax, ay, work, rho, out):  # type: ignore[no-untyped-def]
     """Phase on the plate, and the residual's share of it."""
     nx, ny, _, n0, dx, dy, _ = rig.ratio
@@ -101,17 +102,26 @@ def _plate_phase(rig, ax, ay, work, rho, out):  # type: ignore[no-untyped-def]
         out[j] = (nx * ax[j] + ny * ay[j] + n0) / (dx * ax[j] + dy * ay[j] + 1) + rho[j]
 
 
-@njit(cache=True, fastmath=_FAST)
-def _step_row(i, phase, reasons, rig, out):  # type: ignore[no-untyped-def]
-    buffers = np.empty((7, phase.size))
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _step_strip(i, first, phase, reasons, rig, buffers, out):  # type: ignore[no-untyped-def]
+    """Write the steps of the pixels of row i from column `first` on."""
     ax, ay, rho, plate = buffers[0], buffers[1], buffers[2], buffers[3]
-    _polynomial(rig.rays[i, 0], rig.position, ax)
-    _polynomial(rig.rays[i, 1], rig.position, ay)
+    position = rig.position[first : first + phase.size]
+    _polynomial(rig.rays[i, 0], position, ax)
+    _polynomial(rig.rays[i, 1], position, ay)
     _plate_phase(rig, ax, ay, buffers[4:], rho, plate)
     for j in range(phase.size):
         step = phase[j] - plate[j]
         step -= _TWO_PI * np.rint(step / _TWO_PI)
         out[j] = step if reasons[j] == 0 else np.nan
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _step_row(i, phase, reasons, rig, out):  # type: ignore[no-untyped-def]
+    buffers = np.zeros((7, _STRIP))
+    for first in range(0, phase.size, _STRIP):
+        last = min(first + _STRIP, phase.size)
+        _step_strip(i, first, phase[first:last], reasons[first:last], rig, buffers, out[first:last])
 
 
 @njit(parallel=True, cache=True)
@@ -121,7 +131,7 @@ def steps_over_plate(phase, reasons, rig, out):  # type: ignore[no-untyped-def]
         _step_row(i, phase[i], reasons[i], rig, out[i])
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _heights(rig, rays, phi, buffers, z, slope):  # type: ignore[no-untyped-def]
     """Heights of absolute phases along a row, and dz/dphi; `buffers[0]` starts as the residual at the plate."""
     ax, ay, bx, by = rays[0], rays[1], rays[2], rays[3]
@@ -147,7 +157,7 @@ def _heights(rig, rays, phi, buffers, z, slope):  # type: ignore[no-untyped-def]
             _plate_residual(fx, fy, rig, work, rho)
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
 def _variance(rows, t, height, level, out):  # type: ignore[no-untyped-def]
     """Systematic variance along a row: powers of the height, each with its polynomial along the row."""
     out[:] = 0.0
@@ -157,26 +167,37 @@ def _variance(rows, t, height, level, out):  # type: ignore[no-untyped-def]
             out[j] = out[j] * height[j] + level[j]
 
 
-@njit(cache=True, fastmath=_FAST)
-def _reason(why, step, z, doubt):  # type: ignore[no-untyped-def]
-    """Reason of a pixel, of which `why` is known so far."""
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _add_reasons(step, z, doubt, why):  # type: ignore[no-untyped-def]
+    """Give every pixel without a reason the first that applies; choices without branches, several pixels at once."""
     undecided, no_ray, out_of_range = doubt.flags
-    if why != 0:
-        return why
-    if step != step:
-        return undecided
-    if not abs(z) < np.inf:
-        return no_ray
-    return out_of_range if z < doubt.low or z > doubt.high else why
+    none = np.uint8(0)
+    for j in range(step.size):
+        outside = (z[j] < doubt.low) | (z[j] > doubt.high)
+        reason = out_of_range if outside else none
+        reason = reason if abs(z[j]) < np.inf else no_ray
+        reason = reason if step[j] == step[j] else undecided
+        why[j] = reason if why[j] == none else why[j]
 
 
-@njit(cache=True, fastmath=_FAST)
-def _surface_row(i, step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-def]
-    buffers = np.empty((14, step.size))
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _random_part(slope, sigma, excess, why, out):  # type: ignore[no-untyped-def]
+    """Uncertainty of the height from the pixel's own phase, and from what the fit left."""
+    for j in range(slope.size):
+        phase = np.sqrt(sigma[j] * sigma[j] + excess)
+        random = np.float32(abs(slope[j])) * phase
+        out[j] = random if why[j] == 0 else np.float32(np.nan)
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _surface_strip(i, first, step, sigma, rig, doubt, buffers, maps):  # type: ignore[no-untyped-def]
+    """Write the surface of the pixels of row i from column `first` on; `maps` are that strip's."""
+    position = rig.position[first : first + step.size]
     rays, rho, work = buffers[:4], buffers[4], buffers[7:10]
-    phi, z, slope, variance = buffers[10], buffers[11], buffers[12], buffers[13]
+    phi = buffers[10, : step.size]
+    z, slope, variance = buffers[11], buffers[12, : step.size], buffers[13]
     for k in range(4):
-        _polynomial(rig.rays[i, k], rig.position, rays[k])
+        _polynomial(rig.rays[i, k], position, rays[k])
     _plate_phase(rig, rays[0], rays[1], work, rho, phi)
     for j in range(step.size):
         phi[j] += step[j]
@@ -184,17 +205,33 @@ def _surface_row(i, step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-d
     height, level = phi, rho
     for j in range(step.size):
         height[j] = min(max((z[j] - doubt.middle) / doubt.half, -1.2), 1.2)
-    _variance(doubt.rows[i], rig.position, height, level, variance)
-    why, x, y, u_z, u_random = maps.reasons[i], maps.x[i], maps.y[i], maps.u_z[i], maps.u_random[i]
+    _variance(doubt.rows[i], position, height, level, variance)
+    x, y, z_out, u_z, u_random, why = maps
+    _add_reasons(step, z, doubt, why)
+    _random_part(slope, sigma, np.float32(doubt.excess * doubt.excess), why, u_random)
     for j in range(step.size):
-        why[j] = _reason(why[j], step[j], z[j], doubt)
         here = z[j] if why[j] == 0 else np.nan
-        random = here * 0 + abs(slope[j]) * np.sqrt(sigma[j] * sigma[j] + doubt.excess * doubt.excess)
         x[j] = rays[0, j] + rays[2, j] * here
         y[j] = rays[1, j] + rays[3, j] * here
-        maps.z[i, j] = here
-        u_random[j] = random
-        u_z[j] = np.sqrt(random * random + max(variance[j], 0.0))
+        z_out[j] = here
+        u_z[j] = np.sqrt(u_random[j] * u_random[j] + np.float32(max(variance[j], 0.0)))
+
+
+@njit(cache=True, fastmath=_FAST, error_model="numpy")
+def _surface_row(i, step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-def]
+    buffers = np.zeros((14, _STRIP))
+    x, y, z, u_z, u_random, why = maps
+    for first in range(0, step.size, _STRIP):
+        last = min(first + _STRIP, step.size)
+        part = (
+            x[i, first:last],
+            y[i, first:last],
+            z[i, first:last],
+            u_z[i, first:last],
+            u_random[i, first:last],
+            why[i, first:last],
+        )
+        _surface_strip(i, first, step[first:last], sigma[first:last], rig, doubt, buffers, part)
 
 
 @njit(parallel=True, cache=True)
