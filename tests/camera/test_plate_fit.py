@@ -110,6 +110,32 @@ def test_telecentric_needs_no_height(sheet):
     assert found.camera["k1"] == pytest.approx(0.02, rel=1e-4)
 
 
+def test_lines_placed_a_little_bent_are_not_taken_for_tilt():
+    """A long lens shows a tilt of 0.05 deg by 0.01 px: no more than what lines nearly along the pixels are off by."""
+    truth = {"scale_mm_per_px": 0.2, "height_mm": 7000.0, "tilt_x_rad": 0.002, "tilt_y_rad": -0.005}
+    camera = PlateCamera.from_values(truth, SHAPE)
+    x, y = (c.ravel() for c in np.meshgrid(np.arange(-55, 56, 5.0), np.arange(-40, 41, 5.0)))
+    pixels = np.column_stack(camera.project(x, y)) + 1e-3 * np.random.default_rng(3).standard_normal((x.size, 2))
+    v = (pixels[:, 1] - 239.5) / 400
+    pixels += 0.005 * np.column_stack([v + v**2, (pixels[:, 0] - 319.5) / 400 - v**2])
+    height = Estimate(7000.0, 20.0, "mm", "camera height")
+    found = fit_plate_camera(pixels, np.column_stack([x, y]), SHAPE, pitch_rel_u=1e-4, height_mm=height).camera
+    u = np.sqrt(np.diag(found.covariance))[2:4]
+    assert np.all(np.abs(found.parameters[2:4] - [0.002, -0.005]) < 2 * u)
+    assert np.all(u < 0.002)
+
+
+def test_parallel_rays_may_lean(sheet):
+    """Their picture does not tell: the doubt is stated, and nothing else has to make up for it."""
+    camera = PlateCamera.from_values({"scale_mm_per_px": 0.5, "tilt_x_rad": 0.02}, SHAPE, telecentric=True)
+    pixels = np.column_stack(camera.project(sheet[1], sheet[2]))
+    found = fit_plate_camera(pixels, sheet[0], SHAPE, pitch_rel_u=1e-4, telecentric=True)
+    assert {"camera tilt, x", "camera tilt, y"} <= set(found.causes)
+    u = np.sqrt(np.diag(found.camera.covariance))[2:4]
+    np.testing.assert_allclose(np.degrees(u), 1.0, rtol=0.01)
+    assert abs(found.camera["tilt_x_rad"] - 0.02) < 2 * u[0]
+
+
 def test_one_square_on_grid_without_height_is_refused(sheet):
     with pytest.raises(FitError, match="height_mm"):
         fit_plate_camera(seen(sheet), sheet[0], SHAPE, pitch_rel_u=1e-4)

@@ -73,7 +73,7 @@ def test_the_list_of_pages_is_whole():
     [
         ("plate phase residual", CommissionLimits().plate_residual_rad),
         ("grid residual", CommissionLimits().grid_residual_px),
-        ("standard uncertainty of the projection angle", CommissionLimits().angle_u_deg),
+        ("standard uncertainty of the apparent projection angle", CommissionLimits().angle_u_deg),
         ("angle against theory", CommissionLimits().angle_en),
     ],
 )

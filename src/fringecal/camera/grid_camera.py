@@ -80,10 +80,13 @@ def camera_height(fit: CameraFit) -> Estimate:
 
 
 def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:
-    """Tell whether the richer fit's residual is smaller than its further terms explain by chance."""
+    """Tell whether the richer fit's residual is smaller than its further terms explain by chance.
+
+    A sheet whose lines bend counts as a residual: what a richer lens explains need not be put on the sheet.
+    """
     if richer.dof < 1 or plain.dof <= richer.dof:
         return richer.dof >= 1 and richer.rms_px < 0.9 * plain.rms_px
-    squares = (plain.rms_px**2 * plain.dof, richer.rms_px**2 * richer.dof)
+    variance = richer.rms_px**2 + 1e-300
+    squares = [fit.rms_px**2 / variance * fit.dof + fit.strain for fit in (plain, richer)]
     added = plain.dof - richer.dof
-    ratio = (squares[0] - squares[1]) / added / (squares[1] / richer.dof)
-    return bool(special.fdtrc(added, richer.dof, max(ratio, 0.0)) < _CHANCE)
+    return bool(special.fdtrc(added, richer.dof, max(squares[0] - squares[1], 0.0) / added) < _CHANCE)

@@ -23,7 +23,8 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
     checks = [
         _below("plate phase residual", found.fit.plate_rms_rad, own.plate_residual_rad, "rad"),
         _below("grid residual", found.camera.fit.rms_px, own.grid_residual_px, "px"),
-        _below("standard uncertainty of the projection angle", found.angle.u, own.angle_u_deg, "deg"),
+        # Heights hang on the angle that the camera sees; where a tilted camera stands changes only the other.
+        _below("standard uncertainty of the apparent projection angle", found.apparent.u, own.angle_u_deg, "deg"),
         Check(
             name="largest lens displacement",
             value=found.camera.distortion.max_px.value,
