@@ -33,8 +33,8 @@ PictureEstimator = Literal["ridge", "skeleton"]
 
 _RIDGE_INDEPENDENT_PX = 3.5  # 2 sqrt(pi) of the smoothing along the fringe
 _SKELETON_MIDDLE = 0.3  # nearer to an edge a thinned line bends toward its neighbour on the other level
-#: A thinned line only tells which band is read: it may be upright in a strip narrower than a fringe. In 56 random rigs
-#: with strips of 0.35 to 0.9 periods the angle errs by no more than in wider ones.
+#: A thinned line only tells which band is read: it may be upright in a strip narrower than a fringe. In eight random
+#: rigs with strips of 0.35 to 0.75 periods the angle is the ridge estimator's within 0.02 deg (`angle_campaign.py`).
 _LEAST_WIDTH = 0.3  # periods
 _LEAST_WIDTH_PX = 8.0  # two filters of 3 px, and a middle that neither edge reaches
 _LEAST_BREAKS = 12
