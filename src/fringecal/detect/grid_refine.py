@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -29,9 +30,15 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
-# Rounds of: predict missing crossings, measure lines, intersect. Each may extend the grid by one line;
-# a last round with all points then makes it sub-pixel.
-EXTENSION_ROUNDS = 2
+# Rounds of: predict missing crossings, measure lines, intersect, until there are no more; a last round with all
+# points then makes it sub-pixel.
+EXTENSION_ROUNDS = 12
+# Across a gap of so many lines the map of the whole grid predicts crossings; those found further off than this part
+# of the spacing are others.
+MAX_BRIDGE = 4
+# A round that loses more than the rest of the crossings, and finds no others, is not the last one.
+MIN_KEPT = 0.98
+MAX_BRIDGE_MOVE = 0.15
 # Coarse crossings are off by up to this part of the spacing; the lines are first sought that much broader.
 CAPTURE_PART = 0.03
 # A Gauss-Newton step leaves an error of about its own square: these steps are the last ones.
@@ -100,15 +107,44 @@ def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
     """
     nodes = _without_slips(nodes)
     capture = pencil.blurred(CAPTURE_PART * _spacing(nodes))
+    smooth = fit_to_nodes(nodes)
     for _ in range(EXTENSION_ROUNDS):
-        known = np.isfinite(nodes[..., 0])
-        nodes = np.pad(nodes, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
-        known = np.pad(known, 1)
-        nodes = _without_slips(_round(capture, predict_missing(nodes), known, tolerance_px=ROUGH_PX).nodes)
-        if (np.isfinite(nodes[..., 0]) == known).all():
+        known, nodes, bridged = _extended(nodes, smooth, pencil.grey.shape)
+        found = _round(capture, nodes, known, tolerance_px=ROUGH_PX)
+        off = np.linalg.norm(found.nodes - nodes, axis=2) > MAX_BRIDGE_MOVE * _spacing(found.nodes)
+        nodes = _without_slips(np.where((bridged & off)[..., None], np.nan, found.nodes))
+        seen = np.isfinite(nodes[..., 0])
+        if not (seen & ~known).any() and seen.sum() >= MIN_KEPT * known.sum():
             break
-        capture = pencil
+        capture, (nodes, smooth) = pencil, _cropped(nodes, found.smooth)
     return _trimmed(_round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
+
+
+def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> tuple[BoolArray, FloatArray, BoolArray]:
+    """Sites known, all sites to look at with their predictions, px, and which of these lie beyond a gap.
+
+    Next to known crossings these predict; across a cover or the edge of a shadow the map of the whole grid does,
+    no further than it may be trusted.
+    """
+    known = np.isfinite(nodes[..., 0])
+    reach = np.minimum(MAX_BRIDGE, np.array(known.shape) // 4)
+    pads = [(max(1, int(r)),) * 2 for r in reach]
+    known, nodes = np.pad(known, pads), predict_missing(np.pad(nodes, [*pads, (0, 0)], constant_values=np.nan))
+    near = cv2.dilate(known.astype(np.uint8), np.ones(2 * reach + 1, np.uint8)) > 0
+    row, column = np.nonzero(near & ~np.isfinite(nodes[..., 0]))
+    at = smooth(row - pads[0][0], column - pads[1][0])
+    inside = ((at > 0) & (at < np.array(shape[::-1]) - 1)).all(axis=1)
+    nodes[row[inside], column[inside]] = at[inside]
+    bridged = np.zeros_like(known)
+    bridged[row[inside], column[inside]] = True
+    return known, nodes, bridged
+
+
+def _cropped(nodes: FloatArray, smooth: SmoothMap) -> tuple[FloatArray, SmoothMap]:
+    """Crossings, and the map over them, without empty rows and columns at the border."""
+    rows, columns = (np.flatnonzero(np.isfinite(nodes[..., 0]).any(axis=axis)) for axis in (1, 0))
+    moved = replace(smooth, middle=smooth.middle - np.array([rows[0], columns[0]]))
+    return nodes[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1], moved
 
 
 def _without_slips(nodes: FloatArray) -> FloatArray:

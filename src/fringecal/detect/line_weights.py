@@ -14,7 +14,8 @@ IntArray = npt.NDArray[np.int64]
 EDGES_PER_LINE = 8
 # Heavy lines are at least so much wider than the others; less is the printer's or the lens's unevenness.
 MIN_RATIO = 1.25
-SPLIT_ROUNDS = 5
+# A cover or the edge of a shadow can leave a line a width of nothing.
+MIN_RELATIVE_WIDTH = 0.3
 MIN_SEPARATION = 4.0
 MAX_HALF_PX = 40.0
 # A cross-section is a line's if it has this part of the usual height, and its ends differ by less than this part.
@@ -117,18 +118,19 @@ def _line_medians(values: FloatArray, line: IntArray) -> FloatArray:
 
 
 def _split(width_px: FloatArray) -> float:
-    """Width between light and heavy lines by two means of the logarithm, infinite where they are one weight.
+    """Width between light and heavy lines by two medians of the logarithm, infinite where they are one weight.
 
     Widths that only spread, as blur and lens make them, split into halves that are not much narrower than their
     distance.
     """
-    log = np.log(np.maximum(width_px, 1e-3))
-    split = 0.5 * (log.min() + log.max())
-    for _ in range(SPLIT_ROUNDS):
-        heavy = log > split
-        if heavy.all() or not heavy.any():
-            return np.inf
-        low, high = float(np.median(log[~heavy])), float(np.median(log[heavy]))
-        split = 0.5 * (low + high)
-    spread = 1.4826 * max(float(np.median(np.abs(log[~heavy] - low))), float(np.median(np.abs(log[heavy] - high))))
-    return float(np.exp(split)) if high - low > max(np.log(MIN_RATIO), MIN_SEPARATION * spread) else np.inf
+    if width_px.size == 0:
+        return np.inf
+    log = np.sort(np.log(width_px[width_px > MIN_RELATIVE_WIDTH * np.median(width_px)]))
+    ways = [(log[:k], log[k:]) for k in range(1, len(log))]
+    if not ways:
+        return np.inf
+    light, heavy = min(ways, key=lambda way: sum(np.abs(part - np.median(part)).sum() for part in way))
+    low, high = float(np.median(light)), float(np.median(heavy))
+    spread = 1.4826 * max(float(np.median(np.abs(light - low))), float(np.median(np.abs(heavy - high))))
+    apart = high - low > max(np.log(MIN_RATIO), MIN_SEPARATION * spread)
+    return float(np.exp(0.5 * (low + high))) if apart else np.inf
