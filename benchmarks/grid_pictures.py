@@ -1,6 +1,6 @@
 """Does the grid detector hold on hard pictures? Refusals, slipped indices, crossings found and how far off they are.
 
-Run: python benchmarks/grid_pictures.py [--pictures 300] [--seed 1] [--show 1 17]. Every picture draws its own camera
+Run: python benchmarks/grid_pictures.py [--pictures 300] [--seed 1]. Every picture draws its own camera
 (k1 from -0.3 to 0.3, tilt to 25 deg, rotation to 45 deg), sheet (lines 9 to 60 px apart, of one or two weights, dark
 or light, filling the picture or not), light (gradient, glare, cast shadow with a hard edge), dirt, noise to 3 levels
 and covers over 0 to 10 % of it. The place of every crossing is known in closed form.
@@ -253,7 +253,7 @@ def main() -> None:
     )
     print(f"far off (8 u and 0.05 px): {total['far']} of {crossings}; worst {max(e.worst_px for e in done):.2f} px")
     print(
-        f"error over u: median of |z| {np.median(np.abs(z)):.2f} (0.67), within 2 u {100 * np.mean(np.abs(z) < 2):.1f} %"
+        f"error over u: median of |z| {np.median(np.abs(z)):.2f} (0.67), {100 * np.mean(np.abs(z) < 2):.1f} % within 2 u"
     )
 
 

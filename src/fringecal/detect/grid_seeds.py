@@ -24,6 +24,10 @@ MIN_RELATIVE_BAND = 1e-3
 MAX_SEED_TRIES = 12
 # A lattice of so many of a level's extrema is a grid or another regular pattern; finer ones lie within it.
 SETTLED_PART = 0.4
+# Strong extrema: this part of one of the strongest, whose rank leaves dirt aside; of no use where most are.
+STRONG_PART = 0.3
+STRONG_RANK = 60
+MAX_STRONG = 0.5
 WINDOW_PX = 384
 LARGEST_SPACING_PX = 12.0
 WINDOW_PART = 0.3
@@ -53,11 +57,10 @@ def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> l
         if settled is not None and not _fine_lattice_near(level, settled / factor, signs):
             continue
         for sign, points in _extrema(level, signs):
-            lattice = _level_lattice(points)
-            if lattice is not None:
+            for lattice in _level_lattices(points):
                 found.append(CoarseGrid(lattice.scaled(factor), sign))
-                if lattice.member.size > SETTLED_PART * len(points):
-                    settled = factor * np.median(points[lattice.member], axis=0)
+                if lattice.member.size > SETTLED_PART * len(lattice.points):
+                    settled = factor * np.median(lattice.points[lattice.member], axis=0)
     return sorted(found, key=lambda grid: -grid.lattice.member.size)
 
 
@@ -71,8 +74,8 @@ def _fine_lattice_near(level: npt.NDArray[np.float32], middle_px: FloatArray, si
         return True  # looking everywhere costs no more
     u, v = (int(max(0, x - WINDOW_PX / 2)) for x in middle_px)
     window = level[v : v + WINDOW_PX, u : u + WINDOW_PX]
-    lattices = [_level_lattice(points) for _, points in _extrema(window, signs)]
-    most = max((lattice.whole_cells() for lattice in lattices if lattice is not None), default=0)
+    lattices = (lattice for _, points in _extrema(window, signs) for lattice in _level_lattices(points))
+    most = max((lattice.whole_cells() for lattice in lattices), default=0)
     return most > WINDOW_PART * window.size / LARGEST_SPACING_PX**2
 
 
@@ -86,16 +89,21 @@ def _pyramid(image: npt.NDArray[np.float32]) -> Iterator[tuple[npt.NDArray[np.fl
         factor *= 2
 
 
-def _level_lattice(points: npt.NDArray[np.float64]) -> Lattice | None:
-    """Best lattice through the extrema of one level, in its own pixels."""
+def _level_lattices(points: npt.NDArray[np.float64]) -> list[Lattice]:
+    """Best lattices, in the level's own pixels, through all extrema (n, 3) and through those that stand out.
+
+    A small sheet's crossings are lost among the noise of its surroundings, but they are stronger.
+    """
     if len(points) < MIN_CROSSINGS:
-        return None
-    lattice = grow_lattice(points, tries=MAX_SEED_TRIES)
-    return None if lattice is None or lattice.member.size < MIN_CROSSINGS else lattice
+        return []
+    strong = points[:, 2] > STRONG_PART * np.sort(points[:, 2])[-STRONG_RANK:][0]
+    sets = [points] if strong.mean() > MAX_STRONG else [points, points[strong]]
+    lattices = [grow_lattice(some[:, :2], tries=MAX_SEED_TRIES) for some in sets if len(some) >= MIN_CROSSINGS]
+    return [lattice for lattice in lattices if lattice is not None and lattice.member.size >= MIN_CROSSINGS]
 
 
 def _extrema(level: npt.NDArray[np.float32], signs: tuple[int, ...]) -> Iterator[tuple[int, npt.NDArray[np.float64]]]:
-    """Sub-pixel positions (n, 2) of the crossings' extrema: maxima of the signed band-passed level."""
+    """Sub-pixel positions and strengths (n, 3) of the crossings' extrema: maxima of the signed band-passed level."""
     band = cv2.GaussianBlur(level, (0, 0), LEVEL_SIGMA_PX)
     band -= _background(band)
     limit = _rms(band)
@@ -105,7 +113,7 @@ def _extrema(level: npt.NDArray[np.float32], signs: tuple[int, ...]) -> Iterator
         peak = _peaks(band if sign > 0 else -band, limit)
         row, column = np.nonzero(peak)
         du, dv = (_parabola(band, row, column, *way) for way in ((0, 1), (1, 0)))
-        yield sign, np.stack([column + du, row + dv], axis=1)
+        yield sign, np.stack([column + du, row + dv, sign * band[row, column]], axis=1)
 
 
 def _peaks(band: npt.NDArray[np.float32], limit: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_]:
