@@ -253,7 +253,7 @@ def main() -> None:
     )
     print(f"far off (8 u and 0.05 px): {total['far']} of {crossings}; worst {max(e.worst_px for e in done):.2f} px")
     print(
-        f"error over u: median of |z| {np.median(np.abs(z)):.2f} (0.67), {100 * np.mean(np.abs(z) < 2):.1f} % within 2 u"
+        f"error over u: median |z| {np.median(np.abs(z)):.2f} (0.67), {100 * np.mean(np.abs(z) < 2):.1f} % within 2 u"
     )
 
 
