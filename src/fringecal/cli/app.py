@@ -27,6 +27,7 @@ VERBS = (
     "study",
     "audit",
     "rerun",
+    "certificate",
 )
 
 

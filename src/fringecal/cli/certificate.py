@@ -1,0 +1,70 @@
+"""`fringecal certificate`: a calibration report as Digital Calibration Certificate, page and sheets."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+
+import typer
+
+from fringecal.cli.console import console, print_json
+from fringecal.cli.saving import SHEETS_FILE, command_line, demand_folder
+
+HELP = """Write a calibration report: XML (Digital Calibration Certificate 3.3.0), and the same as HTML and PDF.
+
+The numbers come from the records, everything else from the laboratory's lab.toml (docs/certificate.md). What a report
+needs and the file does not state is asked for by name; nothing is made up. The report carries no electronic signature.
+Writes certificate.xml, report.html, report.pdf and tables into DIR.
+
+Example: fringecal certificate calibration/calibration.json --lab lab.toml --out certificate
+"""
+CERTIFICATE_FILE = "certificate.xml"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the verb to the command."""
+    app.command(name="certificate", help=HELP)(certificate)
+
+
+def certificate(
+    record: Path = typer.Argument(..., help="calibration.json, or its folder.", show_default=False),
+    out: Path = typer.Option(..., "--out", "-o", help="Folder for the results."),
+    lab: Path | None = typer.Option(None, "--lab", help="The laboratory's file.", show_default=False),
+    verification: Path | None = typer.Option(
+        None, "--verification", help="verification.json made with this calibration.", show_default=False
+    ),
+    draft: bool = typer.Option(False, "--draft", help="Mark what is not stated instead of refusing; says DRAFT."),
+    as_json: bool = typer.Option(False, "--json", help="Print what was written as one JSON document."),
+) -> None:
+    """Load, gather, save, print."""
+    from fringecal.cli.saving import write_report
+    from fringecal.procedures.certificate import certificate_of
+    from fringecal.procedures.report_certificate import certificate_report
+    from fringecal.records.calibration import CALIBRATION_FILE, read_calibration
+    from fringecal.records.dcc import certificate_xml
+    from fringecal.records.files import result_folder, write_bytes
+    from fringecal.records.laboratory import Laboratory, read_laboratory
+    from fringecal.records.provenance import sha256_of
+    from fringecal.records.verification import read_verification
+
+    demand_folder(out)
+    stated = Laboratory() if lab is None else read_laboratory(lab)
+    calibration = read_calibration(record)
+    found = certificate_of(
+        calibration,
+        sha256_of(record / CALIBRATION_FILE if record.is_dir() else record),
+        stated,
+        verification=None if verification is None else read_verification(verification),
+        draft=draft,
+    )
+    command = command_line("certificate", [record, "--out", out, *(("--lab", lab) if lab else ())])
+    report = certificate_report(found, command=" ".join(command), created=datetime.now(UTC))
+    with result_folder(out, last=CERTIFICATE_FILE) as staging:
+        write_report(report, staging)
+        sheets = (staging / SHEETS_FILE).read_bytes()
+        write_bytes(staging / CERTIFICATE_FILE, certificate_xml(found, sheets=sheets))
+    if as_json:
+        document = {"number": found.number, "draft": found.draft, "missing": found.missing, "decision": found.decision}
+        print_json({"format": "fringecal-certificate/1", "file": str(out / CERTIFICATE_FILE), **document})
+        return
+    for text in found.missing:
+        console.print(f"not stated: {text}", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"{found.title}: {out / CERTIFICATE_FILE}", markup=False, highlight=False, soft_wrap=True)

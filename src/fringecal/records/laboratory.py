@@ -1,0 +1,169 @@
+"""What only the laboratory can say for a calibration report: `lab.toml`, format 1. Nothing in it is made up."""
+
+import datetime
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+
+from fringecal.errors import RecordError
+
+NOT_STATED = "not stated"
+
+Words = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
+Country = Annotated[str, StringConstraints(pattern="^[A-Z]{2}$")]
+Range = Annotated[tuple[float, ...], Field(min_length=1, max_length=2)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class ReportFacts(_Table):
+    """The report itself: its number, the day of issue, where and when the work was done.
+
+    `begin` and `end` are the day of the session where they are not stated.
+    """
+
+    number: Words | None = None
+    issued: datetime.date | None = None
+    place: Literal["laboratory", "customer", "laboratoryBranch", "customerBranch", "other"] | None = None
+    received: datetime.date | None = None
+    begin: datetime.date | None = None
+    end: datetime.date | None = None
+
+
+class Party(_Table):
+    """Laboratory or customer: name and postal address; country as two letters (ISO 3166)."""
+
+    name: Words | None = None
+    street: Words | None = None
+    post_code: Words | None = None
+    city: Words | None = None
+    country: Country | None = None
+    email: Words | None = None
+    phone: Words | None = None
+    code: Words | None = None
+
+
+class Item(_Table):
+    """What was calibrated: the rig, so that it can be told from any other, and the condition it was found in."""
+
+    name: Words | None = None
+    manufacturer: Words | None = None
+    model: Words | None = None
+    serial: Words | None = None
+    owner_id: Words | None = None
+    condition: Words | None = None
+
+
+class Person(_Table):
+    """Somebody who answers for the report; `signs` marks who authorises it."""
+
+    name: Words
+    role: Words | None = None
+    signs: bool = False
+
+
+class Conditions(_Table):
+    """Environment during the calibration: one value, or lowest and highest."""
+
+    temperature_degC: Range | None = None  # noqa: N815  (the unit is written so)
+    humidity_percent: Range | None = None
+
+
+class Standard(_Table):
+    """An artefact by the name of its target, as the laboratory's books hold it."""
+
+    target: Words
+    identification: Words
+    certificate: Words | None = None
+
+
+class Laboratory(_Table):
+    """All of `lab.toml`."""
+
+    format: Literal[1] = 1
+    report: ReportFacts = ReportFacts()
+    laboratory: Party = Party()
+    customer: Party = Party()
+    item: Item = Item()
+    person: tuple[Person, ...] = ()
+    conditions: Conditions = Conditions()
+    standard: tuple[Standard, ...] = ()
+
+
+# What ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks for and no record can know.
+_NEEDED = {
+    "report.number": "the report's own number",
+    "report.issued": "the day of issue",
+    "report.place": 'where it was done: "laboratory", "customer" or "other"',
+    "laboratory.name": "name of the laboratory",
+    "laboratory.street": "its street and number",
+    "laboratory.post_code": "its post code",
+    "laboratory.city": "its city",
+    "laboratory.country": "its country, two letters",
+    "customer.name": "name of the customer; the laboratory itself, if it calibrates its own rig",
+    "customer.city": "the customer's city",
+    "customer.country": "the customer's country, two letters",
+    "item.name": "what was calibrated",
+    "item.manufacturer": "who built it",
+    "item.model": "its model",
+    "item.serial": "its serial number, or another identification",
+    "item.condition": "the condition in which it was found",
+    "conditions.temperature_degC": "temperature, one value or lowest and highest",
+    "conditions.humidity_percent": "relative humidity, one value or lowest and highest",
+}
+
+
+def missing_in(lab: Laboratory, *, temperature_stated: bool = False) -> tuple[str, ...]:
+    """Name every key that a calibration report needs and `lab.toml` does not state, each with what it is.
+
+    Parameters
+    ----------
+    lab
+        What is stated.
+    temperature_stated
+        Whether the session states the temperature.
+
+    Examples
+    --------
+    >>> missing_in(Laboratory())[0]
+    "report.number: the report's own number"
+    """
+    return tuple(_missing(lab, temperature_stated))
+
+
+def _missing(lab: Laboratory, temperature_stated: bool) -> Iterator[str]:
+    for key, meaning in _NEEDED.items():
+        table, _, name = key.partition(".")
+        if getattr(getattr(lab, table), name) is None and not (temperature_stated and name == "temperature_degC"):
+            yield f"{key}: {meaning}"
+    if not any(person.signs for person in lab.person):
+        yield "person: name and role of who authorises the report, with signs = true"
+
+
+def read_laboratory(path: str | Path) -> Laboratory:
+    """Read `lab.toml`; what it does not state stays open.
+
+    Raises
+    ------
+    RecordError
+        The file cannot be read, is not TOML, states no format 1, or holds keys or values that do not belong there.
+    """
+    file = Path(path)
+    try:
+        stated: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give the laboratory's file") from error
+    except ValueError as error:  # text that is not UTF-8, or not TOML
+        raise RecordError(f"{file}: is no TOML document ({error})") from error
+    if "format" not in stated:
+        raise RecordError(f'{file}: states no format; write "format = 1" as its first line')
+    try:
+        return Laboratory.model_validate(stated)
+    except ValidationError as error:
+        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
+        raise RecordError(f"{file}: {faults}") from error
