@@ -140,3 +140,90 @@ def test_doctor_says_what_to_do_and_that_nothing_is_wrong(wall, tmp_path, camera
     well = run(*files, "--steps=0,120,240", "--doctor")
     assert well.exit_code == 0
     assert "the doctor finds nothing wrong" in well.stdout
+
+
+def written(folder, frames, pattern="{}.png"):
+    """Write frames in a folder; return their names."""
+    folder.mkdir(exist_ok=True)
+    names = [folder / pattern.format(k) for k in range(len(frames))]
+    for name, frame in zip(names, frames, strict=True):
+        cv2.imwrite(str(name), frame)
+    return names
+
+
+@pytest.fixture
+def fringed(fringes, camera, rng):
+    """Give a camera's frames of a smooth scene for any steps in deg."""
+    v, u = np.mgrid[:120, :200]
+    truth = 2 * np.pi * (u + 0.2 * v) / 14 + 0.6 * np.exp(-((u - 100) ** 2 + (v - 60) ** 2) / 800)
+
+    def taken(steps_deg, *, ratio=1.0, **options):
+        return camera(fringes(ratio * truth, np.deg2rad(steps_deg)), rng, **({"sigma": 1.0} | options))
+
+    return taken
+
+
+def test_a_folder_of_pictures_in_natural_order(fringed, tmp_path):
+    steps = [30 * k for k in range(12)]
+    written(tmp_path / "set", fringed(steps))  # 10.png comes after 9.png
+    found = json.loads(run(tmp_path / "set", "--steps", ",".join(map(str, steps)), "--json").stdout)["captures"][0]
+    assert not found["steps"]["differ"]
+    assert found["shares"]["valid"] == 1
+
+
+def test_sixteen_bits_and_colour(fringed, tmp_path):
+    deep = written(tmp_path / "deep", (fringed([0, 120, 240]).astype(np.uint16) * 257), "{}.tif")
+    found = json.loads(run(*deep, "--steps=0,120,240", "--json").stdout)["captures"][0]
+    assert found["modulation"] == pytest.approx(80 * 257, rel=0.01)
+    colour = written(tmp_path / "colour", [np.dstack([f // 2, f, f // 3]) for f in fringed([0, 120, 240])])
+    with pytest.raises(SessionError, match="colour without a rule"):
+        run(*colour, "--steps=0,120,240")
+    found = json.loads(run(*colour, "--steps=0,120,240", "--channel=green", "--json").stdout)["captures"][0]
+    assert found["modulation"] == pytest.approx(80, rel=0.01)
+
+
+@pytest.mark.parametrize("value", [0, 255])
+def test_pictures_without_fringes_are_refused_and_nothing_is_written(value, tmp_path):
+    names = written(tmp_path / "set", np.full((3, 60, 80), value, np.uint8))
+    with pytest.raises(PhaseError, match="0.00% of the pixels carry fringes .(dark|saturated) 100%"):
+        run(*names, "--steps=0,120,240", "--out", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_wrong_order_that_cannot_be_undone_is_said(fringed, tmp_path):
+    names = written(tmp_path / "set", fringed([0, 180, 90, 270]))
+    with pytest.raises(PhaseError, match="in the order 1, 3, 2, 4"):
+        run(*names, "--steps=0,90,180,270")
+    assert "SWAPPED FRAMES" in run(*names, "--steps=0,90,180,270", "--doctor").stdout
+
+
+def test_wrong_counts_name_the_pictures(fringed, tmp_path):
+    names = written(tmp_path / "set", fringed([0, 72, 144, 216]))
+    with pytest.raises(PhaseError, match="found 4 pictures .0.png, 1.png, 2.png, 3.png. for 5 steps"):
+        run(*names, "--steps=0,72,144,216,288")
+    with pytest.raises(PhaseError, match="for 2 steps and 3 periods; needed: 6"):
+        run(*names, "--steps=0,90", "--periods=8,64,512")
+    (tmp_path / "none").mkdir()
+    with pytest.raises(PhaseError, match="neither session.toml nor pictures"):
+        run(tmp_path / "none", "--steps=0,120,240")
+
+
+def test_two_periods_give_an_absolute_phase(fringed, tmp_path):
+    steps = [0, 120, 240]
+    sets = np.concatenate([fringed(steps, ratio=1 / 16), fringed(steps)])  # 17 fringes: a little more than a cycle
+    names = written(tmp_path / "set", sets)
+    found = run(*names, "--steps=0,120,240", "--periods=240,15", "--out", tmp_path / "out", "--json")
+    (orders,) = json.loads(found.stdout)["orders"]
+    assert orders["cycle"] == 16
+    assert orders["undecided"] < 1e-3
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
+        f"0-{part}.{kind}" for part in ("absolute", "period1", "period2") for kind in ("npz", "png")
+    ]
+    with np.load(tmp_path / "out" / "0-absolute.npz") as maps:
+        v, u = np.mgrid[:120, :200]
+        truth = 2 * np.pi * (u + 0.2 * v) / 14 + 0.6 * np.exp(-((u - 100) ** 2 + (v - 60) ** 2) / 800)
+        off = (maps["absolute_phase_rad"] - truth) / (2 * np.pi)
+    np.testing.assert_allclose(off, np.round(off[0, 0]), atol=0.05)
+    assert "known within 16 fringes" in run(*names, "--steps=0,120,240", "--periods=240,15").stdout
+    with pytest.raises(PhaseError, match="0: the pictures do not fit the stated periods"):
+        run(*names, "--steps=0,120,240", "--periods=15,240")

@@ -1,7 +1,7 @@
 """`fringecal phase`: phase maps of a session's phase-shifted captures, or of pictures, and what they show."""
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,27 +11,41 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.errors import PhaseError, SessionError
+from fringecal.cli.phase_orders import (
+    counted_orders,
+    named,
+    orders_document,
+    save_orders,
+    show_orders,
+    summarised,
+)
+from fringecal.cli.phase_sets import (
+    CHANNELS,
+    Group,
+    PhaseSet,
+    Stated,
+    holds_session,
+    picture_group,
+    pictures_of,
+    session_groups,
+)
 from fringecal.phase import (
     Diagnosis,
     Finding,
     PhaseSummary,
     StepEstimate,
     compare_repeats,
+    demand_phase,
     diagnose,
     findings_of_repeats,
-    summarise,
 )
 from fringecal.records.files import replacing
 from fringecal.report.figures_phase import doctor_overview, phase_overview
-from fringecal.session import Capture, Session, load_session
-from fringecal.session.faults import PictureError
-from fringecal.session.frames import read_bytes
-from fringecal.session.picture import decode, to_grey
 
 HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the steps they really have.
 
-SOURCE is a session folder, or the pictures of one set in the order of --steps.
+SOURCE is a session folder, a folder of pictures, or the pictures of one set in the order of --steps; with --periods
+all steps of the first period, then of the next. Several periods give an absolute phase.
 
 Example: fringecal phase bench/2026-11-22 --capture reference --out phase-maps
 
@@ -43,18 +57,6 @@ Example: fringecal phase bench/2026-11-22 --doctor --out phase-maps
 """
 
 
-@dataclass(frozen=True)
-class _Set:
-    """One phase-shifted set to be demodulated."""
-
-    name: str
-    frames: np.ndarray
-    steps_rad: np.ndarray
-    white_level: float | None
-    reference: np.ndarray | None = None
-    repeats: np.ndarray | None = None
-
-
 def register(app: typer.Typer) -> None:
     """Add the verb to the command."""
     app.command(name="phase", help=HELP)(phase)
@@ -63,6 +65,8 @@ def register(app: typer.Typer) -> None:
 def phase(
     source: list[Path] = typer.Argument(..., help="Session folder, or pictures.", show_default=False),
     steps: str | None = typer.Option(None, "--steps", help="Steps of the pictures in deg: 0,120,240."),
+    periods: str | None = typer.Option(None, "--periods", help="Fringe periods of the pictures: 12,96."),
+    channel: str | None = typer.Option(None, "--channel", help="Colour pictures: mean, red, green, blue or luma."),
     capture: str | None = typer.Option(None, "--capture", help="Only this capture of the session."),
     out: Path | None = typer.Option(None, "--out", help="Folder for NAME.npz (maps) and NAME.png (figure)."),
     doctor: bool = typer.Option(False, "--doctor", help="Say what is wrong with the pictures."),
@@ -70,125 +74,84 @@ def phase(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-phase/1)."),
 ) -> None:
     """Load, demodulate, save, print."""
-    documents = []
-    for one in _sets(source, steps, capture):
-        summary = summarise(one.frames, one.steps_rad, white_level=one.white_level)
-        files = _save(summary, one.name, out) if out else []
-        document = _document(one, summary, files)
-        if doctor:
-            diagnosis = diagnose(
-                one.frames,
-                one.steps_rad,
-                white_level=one.white_level,
-                reference=one.reference,
-                mm_per_rad=mm_per_rad,
-            )
-            document["findings"] = [asdict(finding) for finding in (*diagnosis.findings, *_between_repeats(one))]
-            document["ripple_rad"] = {str(order): value for order, value in diagnosis.ripple_rad.items()}
-            document["files"] += _save_doctor(diagnosis, one.name, out) if out else []
-        documents.append(document)
+    documents: list[dict[str, Any]] = []
+    orders: list[dict[str, Any]] = []
+    for group in _groups(source, steps, periods, channel, capture):
+        summaries = summarised(group)
+        diagnoses = [_examined(one, mm_per_rad) if doctor else None for one in group.sets]
+        for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
+            if diagnosis is None or not diagnosis[1]:
+                named(one, demand_phase, summary, one.frames, one.steps_rad)
+        counted = counted_orders(group, summaries) if len(group.periods) > 1 and not doctor else None
+        for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
+            documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
+            if diagnosis is not None:
+                documents[-1] |= _doctor_document(diagnosis)
+                documents[-1]["files"] += _save_doctor(diagnosis[0], one.name, out) if out else []
+        if counted is not None:
+            orders.append(orders_document(group, *counted, save_orders(group.name, *counted, out) if out else []))
     if as_json:
-        print_json({"format": "fringecal-phase/1", "captures": documents})
+        print_json({"format": "fringecal-phase/1", "captures": documents, "orders": orders})
     else:
         _show(documents)
+        for one_order in orders:
+            show_orders(one_order)
     if any(document.get("findings") for document in documents):
         raise typer.Exit(3)
 
 
-def _between_repeats(one: _Set) -> tuple[Finding, ...]:
+def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
+    """Return what the doctor sees in a set, and all findings with those between its repeats."""
+    found = diagnose(
+        one.frames, one.steps_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
+    )
+    return found, [*found.findings, *_between_repeats(one)]
+
+
+def _doctor_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
+    """Put what the doctor found into plain numbers."""
+    ripple = {str(order): value for order, value in diagnosis[0].ripple_rad.items()}
+    return {"findings": [asdict(finding) for finding in diagnosis[1]], "ripple_rad": ripple}
+
+
+def _between_repeats(one: PhaseSet) -> tuple[Finding, ...]:
     """Return what repeats of the set show, where there are several."""
     if one.repeats is None:
         return ()
     return findings_of_repeats(compare_repeats(one.repeats, one.steps_rad, white_level=one.white_level))
 
 
-def _sets(source: list[Path], steps: str | None, capture: str | None) -> Iterator[_Set]:
-    """Give the sets of a session or the one set of the pictures."""
-    if len(source) == 1 and source[0].is_dir():
-        if steps is not None:
-            raise typer.BadParameter("a session states its own steps", param_hint="--steps")
-        yield from _session_sets(source[0], capture)
+def _groups(
+    source: list[Path], steps: str | None, periods: str | None, channel: str | None, capture: str | None
+) -> Iterator[Group]:
+    """Give the sets of a session, or those of the pictures."""
+    folder = source[0] if len(source) == 1 and source[0].is_dir() else None
+    if folder is not None and (holds_session(folder) or steps is None):
+        for option, value in (("--steps", steps), ("--periods", periods), ("--channel", channel)):
+            if value is not None:
+                raise typer.BadParameter(f"a session states its own {option[2:]}", param_hint=option)
+        yield from session_groups(folder, capture)
     elif capture is not None:
         raise typer.BadParameter("pictures have no captures; give a session folder", param_hint="--capture")
     elif steps is None:
         raise typer.BadParameter("state the steps of the pictures, such as 0,120,240", param_hint="--steps")
     else:
-        yield _picture_set(source, _parsed(steps))
+        if channel is not None and channel not in CHANNELS:
+            raise typer.BadParameter(f"{channel!r} is none of {', '.join(CHANNELS)}", param_hint="--channel")
+        several = tuple(_numbers(periods, "--periods")) if periods is not None else ()
+        stated = Stated(np.deg2rad(_numbers(steps, "--steps")), several, channel)
+        yield picture_group(source if folder is None else pictures_of(folder), stated)
 
 
-def _session_sets(folder: Path, name: str | None) -> Iterator[_Set]:
-    """Give every phase-shifted set of the session, or of one capture."""
-    session = load_session(folder)
-    shifted = {key: one for key, one in session.captures.items() if one.steps_rad}
-    if name is not None and name not in shifted:
-        known = ", ".join(shifted) or "none"
-        raise PhaseError(f"{folder}: no phase-shifted capture is called {name!r}; there are: {known}")
-    if not shifted:
-        raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
-    for key in [name] if name is not None else shifted:
-        yield from _capture_sets(shifted[key], _reference_of(session, shifted[key]))
-
-
-def _reference_of(session: Session, capture: Capture) -> Capture | None:
-    """Return the session's picture of the bare plate, or for a plate any other, to compare a capture with."""
-    others = [one for one in session.captures.values() if one.name != capture.name and one.steps_rad]
-    same = [one for one in others if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
-    plates = [one for one in same if one.kind == "reference"]
-    # A plate's own frames in another order show against anything else that the rig has taken.
-    if capture.kind == "reference" and same:
-        return same[0]
-    return plates[0] if len(plates) == 1 else None
-
-
-def _capture_sets(capture: Capture, plate: Capture | None) -> Iterator[_Set]:
-    """Give one set for each fringe period and repeat of a capture."""
-    periods, repeats = max(1, len(capture.periods)), capture.repeat
-    for repeat in range(repeats):
-        for period in range(periods):
-            name = capture.name
-            name += f"-period{period + 1}" if periods > 1 else ""
-            name += f"-repeat{repeat + 1}" if repeats > 1 else ""
-            frames = capture.read_set(repeat=repeat, period=period)
-            bare = plate.read_set(period=period) if plate is not None else None
-            if bare is not None and bare.shape != frames.shape:
-                bare = None
-            again = _repeats_of(capture, period) if repeat == 0 else None
-            yield _Set(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare, again)
-
-
-def _repeats_of(capture: Capture, period: int) -> np.ndarray | None:
-    """Return all repeats of one fringe period, (R, N, H, W), where there are several."""
-    if capture.repeat < 2:
-        return None
-    return np.stack([capture.read_set(repeat=k, period=period) for k in range(capture.repeat)])
-
-
-def _picture_set(paths: list[Path], steps_rad: np.ndarray) -> _Set:
-    """Read pictures that belong to no session; all must be of one size and depth."""
-    pictures = []
-    for path in paths:
-        try:
-            picture = decode(read_bytes(path))
-        except PictureError as error:
-            raise SessionError([f"{path}: {error}"]) from error
-        pictures.append(to_grey(picture.pixels, None, 2**picture.bits - 1))
-    kinds = {(grey.shape, grey.dtype.str) for grey in pictures}
-    if len(kinds) > 1:
-        sizes = ", ".join(
-            f"{path.name} {grey.shape[::-1]} {grey.dtype}" for path, grey in zip(paths, pictures, strict=True)
-        )
-        raise PhaseError(f"the pictures of one set must have one size and depth; found {sizes}")
-    return _Set(paths[0].stem, np.stack(pictures), steps_rad, None)
-
-
-def _parsed(steps: str) -> np.ndarray:
-    """Read steps such as ``0,120,240``, deg."""
+def _numbers(text: str, option: str) -> list[float]:
+    """Read numbers such as ``0,120,240``."""
     try:
-        return np.deg2rad([float(step) for step in steps.split(",")])
-    except ValueError as error:
-        raise typer.BadParameter(
-            f"{steps!r} is not a list of numbers such as 0,120,240", param_hint="--steps"
-        ) from error
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        found = []
+    if not found or not np.isfinite(found).all():
+        raise typer.BadParameter(f"{text!r} is not a list of numbers such as 0,120,240", param_hint=option)
+    return found
 
 
 def _save(summary: PhaseSummary, name: str, folder: Path) -> list[str]:
@@ -215,7 +178,7 @@ def _save_doctor(diagnosis: Diagnosis, name: str, folder: Path) -> list[str]:
     return [str(folder / f"{name}-doctor.png")]
 
 
-def _document(one: _Set, summary: PhaseSummary, files: list[str]) -> dict[str, Any]:
+def _document(one: PhaseSet, summary: PhaseSummary, files: list[str]) -> dict[str, Any]:
     """Put one set into plain numbers; what could not be measured is absent, with a note."""
     map_ = summary.map
     document: dict[str, Any] = {

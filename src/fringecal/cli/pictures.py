@@ -10,8 +10,8 @@ from fringecal.session.frames import read_bytes
 from fringecal.session.picture import decode, to_grey
 
 
-def read_picture(path: Path) -> np.ndarray:
-    """Read one picture; colour becomes luma.
+def read_picture(path: Path, channel: str | None = "luma") -> np.ndarray:
+    """Read one picture; colour becomes luma, or what `channel` says; with None colour is refused.
 
     Raises
     ------
@@ -20,6 +20,6 @@ def read_picture(path: Path) -> np.ndarray:
     """
     try:
         picture = decode(read_bytes(path))
-        return to_grey(picture.pixels, "luma" if picture.pixels.ndim == 3 else None, 2**picture.bits - 1)
+        return to_grey(picture.pixels, channel if picture.pixels.ndim == 3 else None, 2**picture.bits - 1)
     except PictureError as error:
         raise SessionError([f"{path}: {error}"]) from error

@@ -18,7 +18,7 @@ from fringecal.phase.schemes import Scheme, buckets, carre, least_squares, quadr
 from fringecal.phase.smoothing import smooth_phase
 from fringecal.phase.steps import StepEstimate, estimate_steps
 from fringecal.phase.strips import demodulate_strips
-from fringecal.phase.summary import PhaseSummary, summarise
+from fringecal.phase.summary import PhaseSummary, demand_phase, summarise
 from fringecal.phase.temporal import beat_period, beat_phase, order_error_rate, unwrap_temporal
 from fringecal.phase.unwrap import Unwrapped, unwrap
 from fringecal.phase.waveform import Waveform, correct_gamma, estimate_waveform, phase_error
@@ -51,6 +51,7 @@ __all__ = [
     "count_fields",
     "decide_orders",
     "decode_gray",
+    "demand_phase",
     "demodulate",
     "demodulate_adapted",
     "demodulate_strips",

@@ -192,7 +192,7 @@ def _nothing(axes: Axes) -> None:
 
 def _phase(axes: Axes, map_: PhaseMap) -> None:
     """Draw a wrapped phase with its cyclic scale."""
-    image = _picture(axes, map_.phase)
+    image = map_picture(axes, map_.phase)
     axes.set_facecolor(_NO_PHASE)
     image.set(cmap=PHASE_MAP, clim=(-np.pi, np.pi))
     bar = colourbar(axes, image, "wrapped phase / rad")
@@ -203,7 +203,7 @@ def _scalar(axes: Axes, values: np.ndarray, label: str, *, from_zero: bool) -> N
     """Draw a map on a scale that ends where 99 % of its pixels do."""
     finite = values[np.isfinite(values)]
     low, high = np.percentile(finite, [1, 99]) if finite.size else (0.0, 1.0)
-    image = _picture(axes, values)
+    image = map_picture(axes, values)
     image.set(cmap=HEIGHT_MAP, clim=(0.0 if from_zero else low, high if high > 0 else 1.0))
     colourbar(axes, image, label, extend="max" if from_zero else "both")
 
@@ -214,7 +214,7 @@ def _reasons(axes: Axes, map_: PhaseMap) -> list[Patch]:
     for code, (reason, _, _) in enumerate(_REASONS, start=1):
         codes[(map_.reasons & reason) > 0] = code
     colours = [BLUE, *(colour for _, _, colour in _REASONS)]
-    image = _picture(axes, codes)
+    image = map_picture(axes, codes)
     image.set(cmap=ListedColormap(colours), clim=(-0.5, len(_REASONS) + 0.5))
     shares = map_.shares()
     handles = [Patch(color=BLUE, label=f"valid {shares['valid']:.2%}")]
@@ -226,7 +226,7 @@ def _reasons(axes: Axes, map_: PhaseMap) -> list[Patch]:
     return handles
 
 
-def _picture(axes: Axes, values: np.ndarray) -> AxesImage:
+def map_picture(axes: Axes, values: np.ndarray) -> AxesImage:
     """Show a map in picture coordinates, thinned to what a page can print."""
     height, width = values.shape
     step = max(1, -(-max(values.shape) // _LONGEST_SIDE))
