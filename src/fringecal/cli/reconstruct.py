@@ -11,7 +11,7 @@ from fringecal.cli.saving import command_line, demand_folder, progress, write_re
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
 
-Writes height.npz, height.tif, height.ply, height.stl, height.obj, height.x3p and report.html into DIR.
+Writes height.npz, height.tif, height.ply, height.stl, height.obj, height.x3p, profiles.csv and report.html into DIR.
 
 Example: fringecal reconstruct bench/2026-11-22 --capture leaf --calibration calibration/calibration.json --out leaf
 """
@@ -35,17 +35,20 @@ def reconstruct(
     before: str = typer.Option("none", "--before", help="Filter of the frames: none, median, mean or median+mean."),
     after: str = typer.Option("none", "--after", help="Filter of the heights: none, median, mean or median+mean."),
     minus_plate: bool = typer.Option(False, "--minus-plate", help="Subtract the heights of the bare plate's capture."),
+    faces: int | None = typer.Option(None, "--faces", min=4, help="Thin the meshes to about so many faces."),
+    watertight: bool = typer.Option(False, "--watertight", help="Close the meshes down to a base 1 mm below."),
+    profile: list[int] = typer.Option([], "--profile", help="Picture row written to profiles.csv, again for more."),
     as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
 ) -> None:
     """Load, reconstruct, save, print."""
     from fringecal.procedures.measurement import reconstruct as run
     from fringecal.procedures.recording import calibration_of
-    from fringecal.procedures.report_measure import measurement_report
+    from fringecal.procedures.report_measure import measurement_report, section_rows
     from fringecal.procedures.treatment import Treatment
     from fringecal.projection.models import HEIGHT_MODELS
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
-    from fringecal.records.surfaces import write_surfaces
+    from fringecal.records.surfaces import write_profiles, write_surfaces
     from fringecal.session import load_session
     from fringecal.verify.filters import FILTERS
 
@@ -68,11 +71,14 @@ def reconstruct(
             treatment=Treatment(before, after, minus_plate),
             progress=show,
         )
+        _demand_rows(profile, found.surface.z.shape[0])
         show("writing surfaces and report")
         report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC))
         with result_folder(out, last="report.html") as staging:
             pixels = found.surface.z.size
-            write_surfaces(staging, found.surface, stride=max(1, round((pixels / _MESH_PIXELS) ** 0.5)))
+            stride = max(1, round((pixels / _MESH_PIXELS) ** 0.5))
+            write_surfaces(staging, found.surface, stride=stride, faces=faces, watertight=watertight)
+            write_profiles(staging / "profiles.csv", found.surface, profile or section_rows(found.surface.mask))
             write_report(report, staging)
     summary = {
         "capture": found.capture.name,
@@ -95,6 +101,13 @@ def reconstruct(
     console.print(
         f"surface: {summary['height']}\nreport: {summary['report']}", markup=False, highlight=False, soft_wrap=True
     )
+
+
+def _demand_rows(rows: list[int], height: int) -> None:
+    """Raise unless every row lies in the picture."""
+    outside = [row for row in rows if not 0 <= row < height]
+    if outside:
+        raise typer.BadParameter(f"--profile {outside[0]} lies outside the picture, whose rows are 0 to {height - 1}")
 
 
 def _range(lowest: float | None, highest: float | None) -> tuple[float, float] | None:

@@ -1,10 +1,12 @@
 """Height maps on disk: arrays, pictures, meshes and x3p, all in the plate frame, never mirrored."""
 
 import json
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import tifffile
 import trimesh
 import x3pio
@@ -13,6 +15,7 @@ from fringecal import __version__
 from fringecal.errors import RecordError
 from fringecal.records.files import replacing
 from fringecal.records.grids import demand_maps, regular_grid, sample_spacing_mm
+from fringecal.records.solids import closed_body, thinned
 from fringecal.records.triangles import Surface, Triangles, triangulate
 
 _MM = 1e-3
@@ -119,6 +122,19 @@ def write_x3p(
     return Path(path)
 
 
+def write_profiles(path: str | Path, surface: Surface, rows: Iterable[int]) -> Path:
+    """Write sections along picture rows as CSV: row, x, y, z and u(z) in mm, measured points only."""
+    mask = np.asarray(surface.mask, dtype=bool)
+    chosen = np.array(sorted(set(rows)), dtype=int)
+    place, columns = np.nonzero(mask[chosen])
+    numbers = chosen[place]
+    maps = {"x": surface.x, "y": surface.y, "z": surface.z, "u(z)": surface.u_z}
+    parts = {f"{name} / mm": np.asarray(values)[numbers, columns] for name, values in maps.items()}
+    with replacing(path) as sibling:
+        pd.DataFrame({"row / px": numbers, **parts}).to_csv(sibling, index=False, float_format="%.6f")
+    return Path(path)
+
+
 def write_surfaces(
     folder: str | Path,
     surface: Surface,
@@ -126,10 +142,26 @@ def write_surfaces(
     name: str = "height",
     max_jump_mm: float | None = None,
     stride: int = 1,
+    faces: int | None = None,
+    watertight: bool = False,
 ) -> tuple[Path, ...]:
-    """Write a height map in every format; `stride` thins the meshes and the x3p, never the maps."""
+    """Write a height map in every format.
+
+    Parameters
+    ----------
+    folder, surface, name
+        Where, what, and the files' name without suffix.
+    max_jump_mm, stride
+        As for `fringecal.records.triangles.triangulate`; `stride` thins the meshes and the x3p, never the maps.
+    faces
+        Number of faces that the meshes keep (`fringecal.records.solids.thinned`); all by default.
+    watertight
+        Write the meshes as bodies closed down to a flat base 1 mm below the lowest point.
+    """
     folder = Path(folder)
     triangles = triangulate(surface, max_jump_mm=max_jump_mm, stride=stride)
+    triangles = thinned(triangles, faces) if faces is not None else triangles
+    triangles = closed_body(triangles) if watertight else triangles
     spacing_mm = stride * sample_spacing_mm(
         np.where(surface.mask, surface.x, np.nan), np.where(surface.mask, surface.y, np.nan)
     )
