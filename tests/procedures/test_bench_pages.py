@@ -1,5 +1,6 @@
 """Bench pages: each belongs to one function and one verb, and says what these do."""
 
+import ast
 import importlib
 import re
 import shlex
@@ -10,7 +11,10 @@ import pytest
 import typer
 
 from fringecal.cli.app import VERBS, build_app
+from fringecal.errors import FringecalError
+from fringecal.procedures.bench import parse_page
 from fringecal.records.limits import CommissionLimits
+from fringecal.session.document import KINDS
 
 FOLDER = Path(__file__).parents[2] / "procedures"
 PAGES = sorted(path for path in FOLDER.glob("*.md") if path.name != "README.md")
@@ -30,7 +34,7 @@ def page(request):
 
 def test_function_and_verb_exist_and_belong_together(page):
     front, _ = parts(page)
-    assert set(front) == {"function", "verb"}
+    assert {"function", "verb"} <= set(front) <= {"function", "verb", "needs", "helps", "calibration"}
     module, _, name = front["function"].partition(":")
     function = getattr(importlib.import_module(module), name)
     assert callable(function)
@@ -38,18 +42,43 @@ def test_function_and_verb_exist_and_belong_together(page):
     assert front["verb"] in VERBS
     # The verb is a door to this very function.
     source = Path(importlib.import_module(f"fringecal.cli.{front['verb']}").__file__).read_text(encoding="utf-8")
-    assert re.search(rf"from {re.escape(module)} import {name}\b", source)
+    imports = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
+    origins = [node.module for node in imports for alias in node.names if alias.name == name]
+    assert [getattr(importlib.import_module(origin), name) for origin in origins] == [function]
 
 
 def test_one_page_per_function_and_verb():
     fronts = [parts(page)[0] for page in PAGES]
     for key in ("function", "verb"):
         assert len({front[key] for front in fronts}) == len(PAGES)
-    assert {front["verb"] for front in fronts} == {"commission", "angle", "verify", "reconstruct", "audit"}
+    verbs = {"commission", "angle", "verify", "reconstruct", "audit", "grid", "study", "phase"}
+    assert {front["verb"] for front in fronts} == verbs
 
 
 def test_sections_in_one_order(page):
     assert re.findall(r"^## (.+)$", parts(page)[1], flags=re.MULTILINE) == SECTIONS
+
+
+def test_steps_say_the_captures_that_they_ask_for(page):
+    read = parse_page(page.stem, page.read_text(encoding="utf-8"))
+    assert len(read.steps) >= 3
+    for number, kind in {**read.needs, **read.helps}.items():
+        assert f"kind {kind}" in read.steps[number - 1]
+        assert kind in KINDS
+    assert not set(read.needs) & set(read.helps)
+    assert read.calibration == ("--calibration" in read.command)
+
+
+def test_every_page_has_its_picture(page):
+    pictures = re.findall(r"!\[(.+?)\]\((.+?)\)", parts(page)[1])
+    assert [name for _, name in pictures] == [f"pictures/{page.stem}.png"]
+    assert (FOLDER / pictures[0][1]).read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_page_of_another_form_is_refused():
+    for text in ("# A title", "+++\nverb = 1\n+++\n# A", "+++\n[\n+++\n# A\n"):
+        with pytest.raises(FringecalError, match="procedure torn"):
+            parse_page("torn", text)
 
 
 def test_the_command_parses(page):

@@ -28,6 +28,7 @@ VERBS = (
     "audit",
     "rerun",
     "certificate",
+    "procedure",
 )
 
 

@@ -30,12 +30,15 @@ class SessionCheck:
         Every reason to refuse the folder.
     notes
         What is worth knowing and no reason to refuse.
+    kinds
+        Name and kind of every capture that `session.toml` states, as far as it could be read.
     """
 
     folder: Path
     session: Session | None
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
+    kinds: tuple[tuple[str, str], ...] = ()
 
 
 def load_session(folder: str | Path) -> Session:
@@ -77,7 +80,8 @@ def check_session(folder: str | Path) -> SessionCheck:
     faults = tuple(dict.fromkeys(_faults(folder, parsed, drafts, levels)))
     notes = tuple(dict.fromkeys(_notes(parsed.document, drafts, levels)))
     session = None if faults else assemble(folder, parsed.document, drafts, [level.value for level in levels])
-    return SessionCheck(folder, session, faults, notes)
+    kinds = tuple((draft.table.name, draft.table.kind) for draft in drafts)
+    return SessionCheck(folder, session, faults, notes, kinds)
 
 
 def _level(draft: Draft, document: SessionDocument) -> WhiteLevel:

@@ -1,0 +1,198 @@
+"""Draw the pictures of the procedures: `python docs/draw_procedures.py`. Virtual rigs and closed forms, seeded."""
+
+import io
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from PIL import Image
+
+from fringecal.report.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, styled
+from fringecal.simulate import RigSpec, load_rig
+from fringecal.simulate.rig import CaptureSpec
+from fringecal.simulate.sessions import take
+
+OUT = Path(__file__).parents[1] / "procedures" / "pictures"
+SMALL = {"width_px": 360, "height_px": 280, "scale_mm_per_px": 1.2}
+COLOURS = 96  # of a picture in the repository: it stays below 60 kB
+
+
+def small(**sections: object) -> RigSpec:
+    """The thesis's rig with a small picture, and some sections changed."""
+    camera = SMALL | dict(sections.pop("camera", {}))
+    return load_rig("thesis").at(camera=camera, **sections)
+
+
+def frame(rig: RigSpec, name: str, **changes: object) -> np.ndarray:
+    """First frame of one of the rig's captures, some of its keys changed."""
+    capture = CaptureSpec.model_validate(rig.capture_named(name).model_dump() | changes)
+    return take(rig, capture, seed=1).frames[0]
+
+
+def pictures(*shown: tuple[str, np.ndarray, bool]) -> Figure:
+    """Pictures side by side, each with its title and whether it is good."""
+    figure = Figure(figsize=(3.1 * len(shown), 2.9), layout="constrained")
+    for place, (title, grey, good) in enumerate(shown, start=1):
+        axes = figure.add_subplot(1, len(shown), place)
+        axes.imshow(grey, cmap="gray", vmin=0, vmax=255)
+        colour = GREEN if good else ORANGE
+        axes.set_title(f"{'good' if good else 'bad'}: {title}", color=colour, fontweight="bold", fontsize=9)
+        axes.set_xticks([])
+        axes.set_yticks([])
+        for spine in axes.spines.values():
+            spine.set(visible=True, color=colour, linewidth=2)
+    return figure
+
+
+@styled
+def scale_and_distortion() -> Figure:
+    rig = small()
+    bent = small(camera={"distortion": (-2.5, 0.0, 0.0, 0.0, 0.0)})
+    sheet = frame(rig, "grid")
+    v, u = np.indices(sheet.shape)
+    glare = 255 * np.exp(-((u - 250) ** 2 + (v - 90) ** 2) / 60**2)
+    return pictures(
+        ("lines straight to the edge", sheet, True),
+        ("the lens bends them", frame(bent, "grid"), False),
+        ("glare hides them", np.minimum(sheet + glare, 255), False),
+    )
+
+
+@styled
+def commissioning() -> Figure:
+    rig = small()
+    bright = small(light=rig.light.model_dump() | {"mid_grey": 0.85})
+    return pictures(
+        ("grid", frame(rig, "grid"), True),
+        ("bare plate", frame(rig, "reference"), True),
+        ("fringes break at the strips", frame(rig, "strips"), True),
+        ("fringes touch white", frame(bright, "strips"), False),
+    )
+
+
+@styled
+def projection_angle() -> Figure:
+    rig = small(projector={"pitch_mm": 16.0})
+    fine = small(projector={"pitch_mm": 5.0})
+    return pictures(
+        ("strips across the fringes", frame(rig, "strips"), True),
+        ("strips along the fringes", frame(rig, "strips", direction="rows"), False),
+        ("fringes below 6 px", frame(fine, "strips"), False),
+    )
+
+
+@styled
+def verification_on_angle_bars() -> Figure:
+    rig = small()
+    steep = rig.at(projector={"position_mm": (0.0, 1900.0, 700.0)})
+    return pictures(
+        ("ridges along the shift", frame(rig, "bars"), True),
+        ("one flank in the shadow of the next", frame(steep, "bars", direction="rows"), False),
+    )
+
+
+@styled
+def measuring_an_object() -> Figure:
+    rig = small()
+    dark = rig.at(light=rig.light.model_dump() | {"mid_grey": 0.05})
+    return pictures(
+        ("plate all around, fringes run on", frame(rig, "leaf"), True),
+        ("too dark: noise hides the fringes", frame(dark, "leaf"), False),
+    )
+
+
+@styled
+def periodic_audit() -> Figure:
+    """What a move of each part leaves behind in the plate's phase, by the virtual rig's own light."""
+    rig = small()
+    still = take(rig, rig.capture_named("reference"), seed=1).phase
+    lower = 1480.0
+    moves = {
+        "camera 20 mm lower": rig.at(
+            camera={"height_mm": lower, "scale_mm_per_px": SMALL["scale_mm_per_px"] * lower / rig.camera.height_mm}
+        ),
+        "lamp 20 mm to the side": rig.at(projector={"position_mm": (20.0, 1222.0, 1000.0)}),
+        "lamp 20 mm higher": rig.at(projector={"position_mm": (0.0, 1222.0, 1020.0)}),
+        "slide's pitch 0.5 % larger": rig.at(projector={"pitch_mm": 8.04}),
+    }
+    figure = Figure(figsize=(12.4, 3.0), layout="constrained")
+    for place, (title, after) in enumerate(moves.items(), start=1):
+        change = take(after, after.capture_named("reference"), seed=1).phase - still
+        change -= change[change.shape[0] // 2, change.shape[1] // 2]
+        axes = figure.add_subplot(1, len(moves), place)
+        largest = float(np.abs(change).max())
+        image = axes.imshow(change, cmap="RdBu_r", vmin=-largest, vmax=largest)
+        bar = figure.colorbar(image, ax=axes, shrink=0.8)
+        bar.set_label("change of phase / rad")
+        axes.set_title(title, fontsize=9)
+        axes.set_xticks([])
+        axes.set_yticks([])
+    return figure
+
+
+@styled
+def choosing_pitch_and_angle() -> Figure:
+    """u(z) = p u(phi) / (2 pi tan a) with a blurred modulation, and the share of one degree of the angle."""
+    figure = Figure(figsize=(9.4, 3.4), layout="constrained")
+    noise, angle = figure.subplots(1, 2)
+    pitch_px = np.linspace(3, 40, 300)
+    scale_mm, modulation, sigma, blur_px = 0.734, 90.0, 1.0, 1.0
+    for degrees, colour in ((30, AMBER), (45, BLUE), (60, GREEN)):
+        contrast = np.exp(-2 * (np.pi * blur_px / pitch_px) ** 2)
+        u_phi = np.sqrt(2 / 3) * sigma / (modulation * contrast)
+        u_um = 1000 * pitch_px * scale_mm * u_phi / (2 * np.pi * np.tan(np.radians(degrees)))
+        noise.plot(pitch_px, u_um, color=colour, label=f"{degrees} deg")
+    noise.axvline(6, color=GREY, linestyle=":")
+    noise.text(6.4, 2, "6 px", color=INK)
+    noise.set(ylim=(0, 60), xlabel="pitch / px", ylabel="noise of height u(z) / µm", title="noise, blur of 1 px")
+    noise.legend(title="angle")
+    degrees = np.linspace(15, 75, 300)
+    angle.plot(degrees, 100 * np.radians(1) * 2 / np.sin(2 * np.radians(degrees)), color=BLUE)
+    angle.set(xlabel="projection angle / deg", ylabel="height per degree of angle / %", title="error of one degree")
+    angle.set_ylim(0, None)
+    return figure
+
+
+@styled
+def when_a_check_fails() -> Figure:
+    """Errors of three-step phase: exact for one darker frame, a wrong step, and gamma."""
+    phi = np.linspace(0, 4 * np.pi, 1200)
+    steps = np.radians([0.0, 120.0, 240.0])
+
+    def error(frames: np.ndarray) -> np.ndarray:
+        found = np.arctan2(-np.sin(steps) @ frames, np.cos(steps) @ frames)
+        return np.degrees(np.angle(np.exp(1j * (found - phi))))
+
+    ideal = 130 + 100 * np.cos(phi + steps[:, None])
+    darker = ideal * np.array([[1.0], [0.97], [1.0]])
+    uneven = 130 + 100 * np.cos(phi + (steps * 123 / 120)[:, None])
+    gamma = (ideal / 255) ** 1.2
+    figure = Figure(figsize=(9.4, 2.9), layout="constrained")
+    shown = (
+        ("one frame 3 % darker: once", darker),
+        ("steps of 123 deg: twice", uneven),
+        ("gamma 1.2: three times", gamma),
+    )
+    for axes, (title, frames) in zip(figure.subplots(1, 3, sharey=True), shown, strict=True):
+        ripple = error(frames)
+        axes.plot(phi / (2 * np.pi), ripple - ripple.mean(), color=ORANGE)
+        axes.axhline(0, color=GREY, linewidth=0.8)
+        axes.set(title=title, xlabel="fringes")
+    figure.axes[0].set_ylabel("phase error / deg")
+    return figure
+
+
+def main() -> None:
+    OUT.mkdir(exist_ok=True)
+    for draw in (
+        scale_and_distortion, commissioning, projection_angle, verification_on_angle_bars, measuring_an_object,
+        periodic_audit, choosing_pitch_and_angle, when_a_check_fails,
+    ):  # fmt: skip
+        stream = io.BytesIO()
+        draw().savefig(stream, format="png", dpi=80, metadata={"Software": None})
+        picture = Image.open(stream).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        picture.save(OUT / f"{draw.__name__.replace('_', '-')}.png", optimize=True)
+
+
+if __name__ == "__main__":
+    main()
