@@ -10,7 +10,7 @@ from fringecal.camera.plate import PlateCamera
 from fringecal.procedures.report_camera import local_scale, local_scale_table
 from fringecal.procedures.report_measure import section_rows
 from fringecal.procedures.report_parts import budget_table, concise, figures_of, severest, tables_of
-from fringecal.procedures.report_rig import StripResiduals, cell_means, scattered
+from fringecal.procedures.report_residuals import StripResiduals, cell_means, scattered
 from fringecal.records.parts import Check
 from fringecal.report.structure import FigureItem, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure

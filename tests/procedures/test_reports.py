@@ -16,7 +16,8 @@ from fringecal.procedures.report_angle import angle_section, heights_table
 from fringecal.procedures.report_commission import commission_report
 from fringecal.procedures.report_measure import measurement_report
 from fringecal.procedures.report_parts import figures_of, tables_of
-from fringecal.procedures.report_rig import residual_maps, rig_section
+from fringecal.procedures.report_residuals import residual_maps
+from fringecal.procedures.report_rig import rig_section
 from fringecal.procedures.report_verify import verdict_of, verification_report
 from fringecal.reconstruct.height import Reason
 from fringecal.report.html import render_html

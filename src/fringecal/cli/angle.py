@@ -86,22 +86,22 @@ def _table(found: "AngleFindings") -> Table:
     table.add_row("origin", "", "", *_angles(found.angle, found.apparent.value, found.theory, None))
     for row in (*found.columns, *found.rows):
         table.add_row(
-            f"{'x' if row.axis == 'u' else 'y'} = {row.x_mm:.1f}",
+            f"{'x' if row.axis == 'u' else 'y'} = {row.x_mm:z.1f}",
             str(row.breaks),
-            f"{row.shift_px:.3f}",
+            f"{row.shift_px:z.3f}",
             *_angles(row.angle, row.apparent_deg, row.theory, row.en),
         )
     return table
 
 
 def _angles(angle: "Estimate", apparent: float, theory: "Estimate | None", en: float | None) -> tuple[str, ...]:
-    stated = "" if theory is None else f"{theory.value:.3f}"
+    stated = "" if theory is None else f"{theory.value:z.3f}"
     return (
-        f"{angle.value:.3f}",
-        f"{angle.expanded().U:.3f}",
-        f"{apparent:.3f}",
+        f"{angle.value:z.3f}",
+        f"{angle.expanded().U:z.3f}",
+        f"{apparent:z.3f}",
         stated,
-        "" if en is None else f"{en:.2f}",
+        "" if en is None else f"{en:z.2f}",
     )
 
 

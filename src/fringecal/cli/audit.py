@@ -74,6 +74,6 @@ def _table(changes) -> Table:  # type: ignore[no-untyped-def]
     for heading in ("quantity", "change", "U", "unit", "En", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "outcome") else "right")
     for c in changes:
-        en = "" if c.en is None else f"{c.en:+.2f}"
+        en = "" if c.en is None else f"{c.en:+z.2f}"
         table.add_row(c.name, f"{c.value:+.3g}", f"{1.96 * c.u:.2g}", c.unit, en, f"{c.limit:g}", c.decision)
     return table

@@ -186,7 +186,7 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
     )
     if scale is not None:
         console.print(_scale_table(document))
-        _say(f"largest error of a distance from the mean factor: {scale.largest_error_percent:+.2f} %")
+        _say(f"largest error of a distance from the mean factor: {scale.largest_error_percent:+z.2f} %")
     else:
         _say("no scale: name the grid with --target")
     for sentence in distortion_sentences(found.test, found.mm_per_px):

@@ -118,7 +118,7 @@ def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
     for r in found.readings:
         numbers = (r.measured, r.reference, r.error, r.u_measured, r.u_reference if r.reference is not None else None)
         cells = ("" if value is None else f"{value:.4f}" for value in numbers)
-        table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+.2f}")
+        table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+z.2f}")
     return table
 
 
@@ -129,9 +129,9 @@ def _table(errors) -> Table:  # type: ignore[no-untyped-def]
     for heading in ("profile", "row px", "y mm", "n", "mean mm", "sd mm", "max mm", "mean %", "max %", "u mm", "En"):
         table.add_column(heading, justify="right", no_wrap=True)
     for p in (*errors.profiles, errors.pooled):
-        en = "" if p.en is None else f"{p.en:+.2f}"
+        en = "" if p.en is None else f"{p.en:+z.2f}"
         numbers = (p.mean_mm, p.sd_mm, p.max_abs_mm)
-        percents = (f"{p.mean_percent:+.3f}", f"{p.max_percent:.3f}")
+        percents = (f"{p.mean_percent:+z.3f}", f"{p.max_percent:.3f}")
         table.add_row(
             p.name,
             f"{p.row_px:.0f}",

@@ -86,7 +86,7 @@ def mirrored(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "swapped frames",
             "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
-            f"directions {evidence.period.direction_deg:.0f} and {evidence.reference_period.direction_deg:.0f} deg",
+            f"directions {evidence.period.direction_deg:z.0f} and {evidence.reference_period.direction_deg:z.0f} deg",
             float(np.pi / np.sqrt(3)),
             "two frames of one of the sets have changed places, or the fringes were moved the other way: "
             "check the order of the files",

@@ -29,7 +29,7 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
         yield Finding(
             "wrong steps",
             f"the frames' steps are {found} deg",
-            f"up to {np.rad2deg(steps.errors_rad[worst]):+.2f} deg (u {np.rad2deg(steps.u_rad[worst]):.2f}) "
+            f"up to {np.rad2deg(steps.errors_rad[worst]):+z.2f} deg (u {np.rad2deg(steps.u_rad[worst]):.2f}) "
             "from those stated",
             ripple_rms(error),
             "state the found steps; or set the mirror more finely",

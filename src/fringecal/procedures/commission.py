@@ -89,9 +89,11 @@ class Commissioning:
             return "The session states no projector position: the angle has nothing to be compared with."
         difference = self.angle.value - self.theory.value
         if abs(self.angle_en) <= 1:
-            return f"The measured geometry agrees with the stated one ({difference:+.2f} deg, En {self.angle_en:+.2f})."
+            return (
+                f"The measured geometry agrees with the stated one ({difference:+z.2f} deg, En {self.angle_en:+z.2f})."
+            )
         return (
-            f"The measured angle differs from the stated geometry by {difference:+.2f} deg (En {self.angle_en:+.2f}): "
+            f"The measured angle differs from the stated geometry by {difference:+z.2f} deg (En {self.angle_en:+z.2f}): "
             "the projector stands elsewhere, or the strips are not as high as their target says."
         )
 

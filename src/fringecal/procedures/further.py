@@ -134,7 +134,7 @@ def contradictions(observations: Observations, fit: RigFit) -> tuple[str, ...]:
                 height = observations.height_mm[surface].value
                 found.append(
                     f"The artefacts contradict one another: to agree with the others, the {doubt.label} "
-                    f"({height:g} mm) would have to be off by {float(value):+.1f} of its standard uncertainties. "
+                    f"({height:g} mm) would have to be off by {float(value):+z.1f} of its standard uncertainties. "
                     "Measure it again."
                 )
     return tuple(found)

@@ -27,6 +27,7 @@ from fringecal.projection.advice import Advice
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.columns import ColumnAngle
 from fringecal.projection.rig import RIG_NAMES, PlateResidual, RigModel
+from fringecal.projection.theory import projector_estimates
 from fringecal.records import calibration as record
 from fringecal.records.lens import LensRecord
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
@@ -298,11 +299,19 @@ def _rig_record(found: Commissioning) -> record.RigRecord:
             degree=residual.degree, coefficients=tuple(map(float, residual.coefficients)), box=residual.box
         ),
         projector_mm=tuple(map(float, projector)) if np.all(np.isfinite(projector)) else None,
+        projector_u_mm=_projector_u(found),
         excess_rad=calibration.excess_rad,
         modes=tuple(
             record.ModeRecord(label=m.label, effect=tuple(map(float, m.effect)), dof=m.dof) for m in calibration.modes
         ),
     )
+
+
+def _projector_u(found: Commissioning) -> tuple[float, ...] | None:
+    """Return the standard uncertainties of the projector's place; nobody knows all three unless a place is stated."""
+    stated = projector_of(found.session)
+    place = projector_estimates(found.calibration, stated)
+    return None if stated is None or not place else tuple(e.u for e in place)
 
 
 def _targets_of(session: Session) -> dict[str, dict[str, Any]]:

@@ -130,7 +130,7 @@ def _sentences(found: CameraFindings) -> tuple[str, ...]:
     used = int(np.isfinite(fit.residual_u_px).sum())
     return (
         f"{used} of {grid.u_px.size} crossings of {found.target.name} agree with one flat sheet seen by one camera; "
-        f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+.2f} deg.",
+        f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+z.2f} deg.",
         f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2g} %.",
     )
 

@@ -12,7 +12,8 @@ from fringecal.procedures.report_camera import camera_sections, largest_scale_er
 from fringecal.procedures.report_doctor import doctor_section
 from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
-from fringecal.procedures.report_rig import residual_maps, rig_section, strips_section
+from fringecal.procedures.report_residuals import residual_maps
+from fringecal.procedures.report_rig import rig_section, strips_section
 from fringecal.projection.angle import fringe_pitch_mm
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check

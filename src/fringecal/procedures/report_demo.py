@@ -119,7 +119,7 @@ def _real(real: Sequence[RealCapture]) -> tuple[Section, ...]:
     if not real:
         return ()
     sentences = tuple(
-        f"{c.name}: {c.where} period {c.period.period_px:.1f} px, phase rises toward {c.period.direction_deg:.0f} deg "
+        f"{c.name}: {c.where} period {c.period.period_px:.1f} px, phase rises toward {c.period.direction_deg:z.0f} deg "
         f"(from +u toward +v). {c.phase.sentence()}"
         for c in real
     )

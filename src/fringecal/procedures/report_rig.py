@@ -1,7 +1,6 @@
 """The rig's part of a commissioning report: strips, joint fit, projector."""
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -9,34 +8,31 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES
 from fringecal.procedures.commission import Commissioning, projector_of
-from fringecal.projection.angle import ProjectorPosition
+from fringecal.procedures.report_residuals import ResidualMaps, residual_figures
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.rig import RIG_NAMES
-from fringecal.projection.theory import seen_axes
-from fringecal.report.figures_maps import classification_overlay, residual_map
+from fringecal.projection.theory import projector_estimates, seen_axes
+from fringecal.report.figures_maps import classification_overlay
 from fringecal.report.figures_rig import Pupil, rig_drawing
 from fringecal.report.structure import FigureItem, Section, Table
-from fringecal.report.style import symmetric_limit
 from fringecal.session import Session
-from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
 
-_CELLS = 240  # of a residual map along its longer side
 _UNITS = {"nx": "rad/mm", "ny": "rad/mm", "nz": "rad/mm", "n0": "rad", "dx": "1/mm", "dy": "1/mm", "dz": "1/mm"}
 
 
-def strips_section(found: Commissioning, residuals: "ResidualMaps") -> Section:
+def strips_section(found: Commissioning, residuals: ResidualMaps) -> Section:
     """Say where the strips were found and how their fringe order was decided."""
     regions = found.strips.regions
     count = f"{len(regions.seen)} of {len(found.strips.heights_mm)}"
-    seen = f"{count} strips are in the picture, at {regions.direction_deg:.1f} deg."
+    seen = f"{count} strips are in the picture, at {regions.direction_deg:z.1f} deg."
     decided = tuple(
         f"Strips of {height:g} mm: fringe order {decision.order:+d}, {decision.reason}."
         for height, decision in found.orders.items()
     )
     drift = (
-        f"On the bare plate the phase moved by {found.strips.plate_drift_rad:+.4f} rad between reference and strips."
+        f"On the bare plate the phase moved by {found.strips.plate_drift_rad:+z.4f} rad between reference and strips."
     )
     tables = (_orders_table(found), _strips_table(residuals))
     return Section("Strips", (seen, *decided, drift), tables, (_strips_figure(found),))
@@ -71,7 +67,7 @@ def _orders_table(found: Commissioning) -> Table:
     return Table("Fringe order of the strips", pd.DataFrame(rows), note, formats)
 
 
-def _strips_table(residuals: "ResidualMaps") -> Table:
+def _strips_table(residuals: ResidualMaps) -> Table:
     """Tabulate the strips seen, with the height by which each disagrees with the common fit."""
     rows = []
     for point in residuals.strips:
@@ -104,86 +100,6 @@ def _strips_figure(found: Commissioning) -> FigureItem:
     return FigureItem("Strips found", figure, f"The picture of the strips, coloured by class: {shares}.", "png")
 
 
-@dataclass(frozen=True)
-class StripResiduals:
-    """Residuals at the points of strips of one height: label of the strip, place, phase, and the same as height."""
-
-    height: Estimate
-    label: NDArray[np.int16]
-    u_px: Array
-    v_px: Array
-    residual_rad: Array
-    as_height_mm: Array
-
-
-@dataclass(frozen=True)
-class ResidualMaps:
-    """Measured minus modelled phase: maps of means over cells, NaN where there is none, and the strips' points.
-
-    `smooth_rad` is what the fit took up as plate residual; `cell_px` the side of a cell: single pixels show noise,
-    their means show what the model leaves out.
-    """
-
-    cell_px: int
-    plate_rad: Array
-    smooth_rad: Array
-    strips: tuple[StripResiduals, ...]
-
-
-def residual_maps(found: Commissioning) -> ResidualMaps:
-    """Compute the residuals of plate and strips, of what the fit rejected too."""
-    camera, model = found.calibration.camera, found.calibration.model
-    cell = max(1, -(-max(found.plate_phase_rad.shape) // _CELLS))
-    rays = camera.pixel_rays()
-    smooth = np.where(np.isfinite(found.plate_phase_rad), model.residual(rays.ax, rays.ay), np.nan)
-    plate = found.plate_phase_rad - model.ratio(rays.ax, rays.ay, 0.0) - smooth
-    strips = tuple(_strip_residuals(found, i) for i in range(1, len(found.observations.height_mm)))
-    return ResidualMaps(cell, cell_means(plate, cell), cell_means(smooth, cell), strips)
-
-
-def cell_means(values: Array, cell_px: int) -> Array:
-    """Average a map over cells of `cell_px` pixels a side, NaN left out; the last ones may be cut short.
-
-    Examples
-    --------
-    >>> cell_means(np.array([[1.0, 3.0, 7.0], [np.nan, 2.0, np.nan]]), 2).tolist()
-    [[2.0, 7.0]]
-    """
-    known = np.isfinite(values)
-    rows, columns = (np.arange(0, side, cell_px) for side in values.shape)
-
-    def total(part: Array) -> Array:
-        return np.add.reduceat(np.add.reduceat(part, rows, axis=0), columns, axis=1)
-
-    number = total(known.astype(float))
-    return np.where(number > 0, total(np.where(known, values, 0.0)) / np.maximum(number, 1), np.nan)
-
-
-def _strip_residuals(found: Commissioning, number: int) -> StripResiduals:
-    """Take the residuals of one surface of the fit."""
-    observed, model = found.observations, found.calibration.model
-    u, v = observed.u_px[number], observed.v_px[number]
-    surface = observed.surfaces(found.calibration.camera)[number]
-    x, y = surface.rays.at(surface.z_mm)
-    residual = surface.phase_rad - model.phase(x, y, surface.z_mm)
-    gx, gy, gz = model.gradient(x, y, surface.z_mm)
-    slope = gz + gx * surface.rays.bx + gy * surface.rays.by
-    label = found.strips.regions.labels[v.astype(int), u.astype(int)]
-    return StripResiduals(observed.height_mm[number], label, u, v, residual, residual / slope)
-
-
-def scattered(points: tuple[StripResiduals, ...], shape: tuple[int, ...], cell_px: int) -> Array:
-    """Average the residuals at points over cells of `cell_px` pixels a side; NaN where a cell has none."""
-    rows, columns = (-(-side // cell_px) for side in shape)
-    v = np.concatenate([p.v_px for p in points]).astype(int) // cell_px
-    u = np.concatenate([p.u_px for p in points]).astype(int) // cell_px
-    values = np.concatenate([p.residual_rad for p in points])
-    index = v * columns + u
-    number = np.bincount(index, minlength=rows * columns)
-    total = np.bincount(index, weights=values, minlength=rows * columns)
-    return np.where(number > 0, total / np.maximum(number, 1), np.nan).reshape(rows, columns)
-
-
 def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
     """Say how well one rig model explains plate and strips, and where it puts the projector."""
     fit = found.fit
@@ -197,7 +113,7 @@ def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
     )
     tables = (_parameters_table(found.calibration), *_projector_tables(found))
     return Section(
-        "Rig", sentences, tables, (*_residual_figures(found, residuals), *rig_figure(found.session, found.calibration))
+        "Rig", sentences, tables, (*residual_figures(found, residuals), *rig_figure(found.session, found.calibration))
     )
 
 
@@ -230,23 +146,6 @@ def _parameters_table(calibration: RigCalibration) -> Table:
     return Table("Rig parameters", frame, note, {"value": ".7g", "u": ".2g"})
 
 
-def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition | None = None) -> tuple[Estimate, ...]:
-    """Return x, y and z of the projector's point, mm; none where its light is parallel.
-
-    The coordinate along which its line runs is not seen by the fringes: it has the stated value and uncertainty.
-    """
-    if not np.all(np.isfinite(calibration.model.projector_mm)):
-        return ()
-    fitted = (
-        calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
-        for i, axis in enumerate("xyz")
-    )
-    if stated is None:
-        return tuple(fitted)
-    kinds = zip(fitted, seen_axes(calibration.model), stated.u_mm, strict=True)
-    return tuple(e if seen else Estimate(e.value, float(u), "mm", f"{e.label}, stated") for e, seen, u in kinds)
-
-
 def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
     """Tabulate the projector's point beside where the session says it stands."""
     position = projector_of(found.session)
@@ -269,28 +168,6 @@ def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
     formats |= dict.fromkeys(("u / mm", "u(stated) / mm"), ".2g")
     note = "plate frame; the coordinate along the fringes cannot be seen by them"
     return (Table("Position of the projector", frame, note, formats),)
-
-
-def _residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureItem, ...]:
-    """Draw each residual on the scale of the points which the fit kept: what it rejected stands out."""
-    strips = scattered(maps.strips, found.plate_phase_rad.shape, maps.cell_px)
-    shown = (
-        ("Phase residual on the plate", maps.plate_rad, symmetric_limit(maps.plate_rad)),
-        ("Phase residual on the strips", strips, symmetric_limit(np.concatenate(found.fit.residuals[1:]))),
-    )
-    items = [
-        FigureItem(
-            caption,
-            residual_map(values, limit_rad=limit, step_px=maps.cell_px, title=f"means over {maps.cell_px} px"),
-            f"Map in the camera's picture on a scale of plus and minus {limit:.3f} rad, which "
-            f"{100 * float(np.mean(np.abs(values[np.isfinite(values)]) > limit)):.1f} % of its values exceed.",
-            "png",
-        )
-        for caption, values, limit in shown
-    ]
-    smooth = residual_map(maps.smooth_rad, label="plate residual / rad", step_px=maps.cell_px)
-    alt = f"Smooth map in the camera's picture, at most {float(np.nanmax(np.abs(maps.smooth_rad))):.3f} rad."
-    return (*items, FigureItem("Smooth plate residual taken up by the model", smooth, alt, "png"))
 
 
 def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureItem, ...]:

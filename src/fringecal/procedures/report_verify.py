@@ -99,7 +99,7 @@ def verdict_of(errors: ZigzagErrors) -> Verdict:
     agrees = abs(worst.en or 0.0) <= _EN_LIMIT
     head = (
         f"Measured heights {'agree' if agrees else 'do not agree'} with the certificate within both "
-        f"uncertainties: mean error {errors.pooled.mean_percent:+.2f} % of the full height, largest |En| "
+        f"uncertainties: mean error {errors.pooled.mean_percent:+z.2f} % of the full height, largest |En| "
         f"{abs(worst.en or 0.0):.2f} ({_place(worst, errors)})."
     )
     return Verdict("pass" if agrees else "fail", f"{head} {errors.sentence}")
@@ -114,13 +114,15 @@ def _facts(found: Verification) -> tuple[Fact, ...]:
     pooled = errors.pooled
     maxima = np.mean([p.max_percent for p in errors.profiles])
     return (
-        Fact("Mean error", f"{pooled.mean_percent:+.3f} %", "of the full height, edge zones out"),
+        Fact("Mean error", f"{pooled.mean_percent:+z.3f} %", "of the full height, edge zones out"),
         Fact("Standard deviation", f"{pooled.sd_mm:.4f} mm", f"{100 * pooled.sd_mm / errors.full_height_mm:.3f} %"),
         Fact("Average of the maxima", f"{maxima:.2f} %", "of the profiles' largest errors"),
         Fact("Worst band", f"{errors.worst_band_percent:.2f} %", "mean over a tenth of the length, or a flank"),
         Fact("Full height", f"{errors.full_height_mm:.3f} mm", "of the target"),
         Fact(
-            "Bars seen", f"{found.pose.bars_seen} of {errors.shape.count}", f"turned by {found.pose.rotation_deg:+.2f}°"
+            "Bars seen",
+            f"{found.pose.bars_seen} of {errors.shape.count}",
+            f"turned by {found.pose.rotation_deg:+z.2f}°",
         ),
     )
 
@@ -211,7 +213,7 @@ def _profile_figure(errors: ZigzagErrors, curve: ProfileCurve, profile: ProfileE
     )
     alt = (
         f"Measured and reference height over {len(curve.across_mm)} pixels, and their difference below: mean "
-        f"{profile.mean_mm:+.4f} mm, largest {profile.max_abs_mm:.4f} mm outside the edge zones."
+        f"{profile.mean_mm:+z.4f} mm, largest {profile.max_abs_mm:.4f} mm outside the edge zones."
     )
     return FigureItem(f"Profile {curve.name}", figure, alt)
 
@@ -239,7 +241,7 @@ def _model_sentences(found: Verification) -> tuple[str, ...]:
     average = np.mean([p.max_percent for p in constant.profiles])
     return (
         f"The same phase read with one constant angle and one pitch for the whole field, as in the 2008 thesis, gives "
-        f"profiles that are wrong by {min(means):+.1f} to {max(means):+.1f} % of the full height on average, and by "
+        f"profiles that are wrong by {min(means):+z.1f} to {max(means):+z.1f} % of the full height on average, and by "
         f"{average:.1f} % in the average of their maxima.",
         "The projector's light diverges: pitch and angle change over the field, which one angle and one pitch cannot "
         f"follow. The projective model can: worst band {best.worst_band_percent:.2f} % against "

@@ -172,7 +172,7 @@ def _demand_order(doubt_rad: float, middle: float, spread: Array) -> None:
     """Refuse a surface whose order the rig cannot predict, or whose phase is not that of one surface."""
     if _COVERAGE * doubt_rad + abs(middle) > _CLOSE:
         raise FitError(
-            f"its fringe order is open: the phase lies {middle:+.2f} rad off a prediction that is uncertain by "
+            f"its fringe order is open: the phase lies {middle:+z.2f} rad off a prediction that is uncertain by "
             f"{doubt_rad:.2f} rad (standard uncertainty); measure a lower surface too, or state its height better"
         )
     odd = float(np.mean(np.abs(spread) > _AGREEING_RAD))

@@ -81,7 +81,7 @@ def _by_theory(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
     best = min(candidates, key=lambda c: abs(c.predicted_difference_rad))
     if abs(best.predicted_difference_rad) > _CLOSE:
         raise FitError(
-            f"The stated projector position predicts a phase step that is {best.predicted_difference_rad:+.2f} rad "
+            f"The stated projector position predicts a phase step that is {best.predicted_difference_rad:+z.2f} rad "
             "off the nearest fringe order: position, strip height or pitch of the grid is wrong."
         )
     if not best.likely:

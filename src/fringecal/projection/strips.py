@@ -124,7 +124,7 @@ def _plate_drift(step: Array, regions: StripRegions) -> float:
     drift = float(np.median(plate))
     if abs(drift) > _MOVED_RAD:
         raise FitError(
-            f"On the bare plate beside the strips the phase differs by {drift:+.2f} rad from the reference "
+            f"On the bare plate beside the strips the phase differs by {drift:+z.2f} rad from the reference "
             "capture: plate, lamp or mirror moved between the two. Take reference and strips again without "
             "touching the rig."
         )

@@ -117,6 +117,23 @@ def seen_axes(model: RigModel) -> tuple[bool, ...]:
     return tuple(bool(abs(part) < _ALONG) for part in line)
 
 
+def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition | None = None) -> tuple[Estimate, ...]:
+    """Return x, y and z of the projector's point, mm; none where its light is parallel.
+
+    The coordinate along which its line runs is not seen by the fringes: it has the stated value and uncertainty.
+    """
+    if not np.all(np.isfinite(calibration.model.projector_mm)):
+        return ()
+    fitted = (
+        calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
+        for i, axis in enumerate("xyz")
+    )
+    if stated is None:
+        return tuple(fitted)
+    kinds = zip(fitted, seen_axes(calibration.model), stated.u_mm, strict=True)
+    return tuple(e if seen else Estimate(e.value, float(u), "mm", f"{e.label}, stated") for e, seen, u in kinds)
+
+
 def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, normal: ArrayLike) -> ProjectorPosition:
     """Return where a plane mirror makes the lamp appear to stand.
 

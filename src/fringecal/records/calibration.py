@@ -164,6 +164,10 @@ class RigRecord(Part):
     projector_mm: tuple[float, float, float] | None = Field(
         default=None, description="point on the line that all planes of equal phase share; null when collimated"
     )
+    projector_u_mm: tuple[float, float, float] | None = Field(
+        default=None,
+        description="standard uncertainty of projector_mm; along the fringes that of the stated position, null without",
+    )
     excess_rad: float = Field(default=0.0, ge=0, description="plate residual beyond the camera's noise, rad rms")
     modes: tuple[ModeRecord, ...] = ()
 

@@ -85,5 +85,17 @@ def _format_value(value: Hashable, specification: str | None) -> tuple[str, bool
         return ("yes" if value else "no"), False
     if isinstance(value, int | float | np.integer | np.floating):
         default = "d" if isinstance(value, int | np.integer) else ".4g"
-        return format(value, specification or default).replace("-", "\N{MINUS SIGN}"), True
+        return _signed(format(value, specification or default)), True
     return str(value), False
+
+
+def _signed(text: str) -> str:
+    """Print a minus as such, and what was rounded to nothing without a sign.
+
+    Examples
+    --------
+    >>> _signed("-0.12"), _signed("-0.00"), _signed("+0.00")
+    ('−0.12', '0.00', '0.00')
+    """
+    nothing = not any(digit in text for digit in "123456789")
+    return (text.lstrip("+-") if nothing else text).replace("-", "\N{MINUS SIGN}")
