@@ -93,8 +93,9 @@ class Commissioning:
                 f"The measured geometry agrees with the stated one ({difference:+z.2f} deg, En {self.angle_en:+z.2f})."
             )
         return (
-            f"The measured angle differs from the stated geometry by {difference:+z.2f} deg (En {self.angle_en:+z.2f}): "
-            "the projector stands elsewhere, or the strips are not as high as their target says."
+            f"The measured angle differs from the stated geometry by {difference:+z.2f} deg "
+            f"(En {self.angle_en:+z.2f}): the projector stands elsewhere, or the strips are not as high as their "
+            "target says."
         )
 
     @cached_property
