@@ -31,6 +31,7 @@ CAMERA_NAMES = (
     "height_mm",  # entrance pupil above the plate; no meaning for a telecentric lens
 )
 _NEWTON_STEPS = 8
+_NEWTON_DONE = 1e-15  # of the length by which coordinates are normalised
 
 
 @dataclass(frozen=True)
@@ -256,7 +257,10 @@ def _undistort_radial(xd: Array, yd: Array, k1: float, k2: float, k3: float) -> 
             r2 = r * r
             value = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) - rd
             slope = 1 + r2 * (3 * k1 + r2 * (5 * k2 + 7 * r2 * k3))
-            r = r - value / np.where(slope > 1e-3, slope, np.nan)
+            step = value / np.where(slope > 1e-3, slope, np.nan)
+            r = r - step
+            if not np.any(np.abs(step) > _NEWTON_DONE):
+                break
         ratio = np.where(rd > 0, r / rd, 1.0)
     return xd * ratio, yd * ratio
 
