@@ -22,6 +22,7 @@ _SMOOTH_PX = 2.0  # of the light across the line, before its peak is sought
 _WINDOW_PX = 12  # half width about the peak over which the centre is taken
 _JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
 _CLEAR_SIGMAS = 5.0
+_PARTS = 8  # of a piece, whose levels tell how well its own is known
 _LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
 _CONCENTRATED = 0.35  # of a column's light that lies within the window: a lit scene spreads it
 
@@ -61,8 +62,8 @@ def line_breaks(image: ArrayLike) -> LineTrace:
     Notes
     -----
     The base line is the straight line that most columns lie on, fitted to the pieces on it. A piece is a break when it
-    lies further off than both 3 px and five of its standard uncertainties, which come from the scatter within pieces
-    (columns are taken to hang together over the smoothing's length).
+    lies further off than both 3 px and five of its standard uncertainties, which come from the scatter within pieces:
+    along a coin in relief the level wanders by more than noise.
 
     Raises
     ------
@@ -137,10 +138,19 @@ def _breaks(off: Array, pieces: list[NDArray[np.intp]]) -> list[LineBreak]:
     breaks = []
     for group in found:
         columns = np.concatenate(group)
-        shift, spread = float(np.median(off[columns])), float(np.std(off[columns]))
-        sigma = max(spread, 0.1) / np.sqrt(max(columns.size / (4 * _SMOOTH_PX), 1.0))
+        shift, sigma = float(np.median(off[columns])), _sigma(off[columns])
         third = columns[columns.size // 3 : columns.size - columns.size // 3]
         if columns.size >= _LEAST_BREAK * off.size and abs(shift) > _CLEAR_SIGMAS * sigma:
             middle = float(np.mean(off[third]))
-            breaks.append(LineBreak(int(columns[0]), int(columns[-1]), shift, float(sigma), middle))
+            breaks.append(LineBreak(int(columns[0]), int(columns[-1]), shift, sigma, middle))
     return breaks
+
+
+def _sigma(off: Array) -> float:
+    """Standard uncertainty of a piece's level: from the scatter of its parts, for relief hangs together over columns.
+
+    No less than the scatter of columns gives, which hang together over the smoothing's length.
+    """
+    columns = max(float(np.std(off)), 0.1) / np.sqrt(max(off.size / (4 * _SMOOTH_PX), 1.0))
+    parts = [float(np.median(part)) for part in np.array_split(off, min(_PARTS, off.size))]
+    return float(max(columns, np.std(parts, ddof=1) / np.sqrt(len(parts))))
