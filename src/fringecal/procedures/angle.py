@@ -92,9 +92,10 @@ class AngleFindings:
         used = int(np.count_nonzero(self.breaks.used))
         counted = f"{used} breaks by the {self.estimator} estimator, {self.breaks.strip.size - used} left out."
         order = f"Fringe order: {self.order.reason}."
+        found = counted, order, *self.camera.notes
         if self.displacement is None:
-            return counted, order, "No position of the lamp to compare with: state projector.position_mm."
-        return counted, order, self.displacement.sentence()
+            return *found, "No position of the lamp to compare with: state projector.position_mm."
+        return *found, self.displacement.sentence()
 
     def breaks_frame(self) -> pd.DataFrame:
         """Tabulate the breaks."""

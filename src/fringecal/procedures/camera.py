@@ -17,6 +17,8 @@ from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
 from fringecal.uncertainty.estimates import Estimate
 
+#: Height of a camera over the diagonal of its field, where nobody states it: lenses see 71 deg (0.7) to 14 deg (4).
+_USUAL_HEIGHT, _USUAL_REL_U = 1.7, 0.6
 _WIDEST = 3.0  # field over height: beyond 113 deg of view a pinhole with Brown's terms is no model either
 
 
@@ -25,7 +27,8 @@ class CameraFindings:
     """What the grid picture says of the camera.
 
     `height_seen` is the camera's height by lens and grid alone, where another one is stated: they differ by as much as
-    the grid's stated pitch errs. Without a lens a wrong pitch cannot be told from another height.
+    the grid's stated pitch errs. Without a lens a wrong pitch cannot be told from another height. `assumed_height` is
+    what the height was taken to be where neither it nor a lens is stated.
     """
 
     capture: Capture
@@ -36,6 +39,29 @@ class CameraFindings:
     tables: ThesisScale
     lens: KnownLens | None = None
     height_seen: Estimate | None = None
+    assumed_height: Estimate | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader should know of the camera besides the numbers."""
+        lens = () if self.lens is None else self.lens.notes
+        if self.assumed_height is None:
+            return lens
+        low, high = (self.assumed_height.value + sign * self.assumed_height.u for sign in (-1, 1))
+        return (
+            *lens,
+            f"The camera's height is not stated, and a grid seen square-on cannot show it: a usual lens is assumed, "
+            f"{low:.0f} to {high:.0f} mm up. Scale and apparent angle hardly change with it; projection angles beside "
+            "the middle and heights far above the strips do, as their uncertainties say. Measure it and state "
+            "camera.height_mm = { value, u }: the entrance pupil above the plate.",
+        )
+
+    @property
+    def height_origin(self) -> str:
+        """Say where the camera's height comes from."""
+        if self.assumed_height is not None:
+            return "not stated: a usual lens is assumed"
+        return "as stated; a grid alone does not show it" if self.lens is None else "by lens and grid"
 
     @property
     def scales(self) -> dict[str, Estimate]:
@@ -70,21 +96,37 @@ def measure_camera(session: Session) -> CameraFindings:
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
     detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
     lens = known_lens(session)
-    fit = fit_camera(session, capture.target, detection, None if lens is None else lens.lens)
     pitch = capture.target.pitch_mm.estimate("grid pitch", "mm")
+    known = session.camera.height_mm is not None or session.camera.telecentric or lens is not None
+    assumed = None if known else usual_height(detection, pitch.value)
+    fit = fit_camera(session, capture.target, detection, None if lens is None else lens.lens, assumed=assumed)
     test = examine_distortion(detection)
     tables = thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
     seen = None
     if lens is not None and session.camera.height_mm is not None and not session.camera.telecentric:
         seen = camera_height(fit_grid_camera(detection, pitch, lens=lens.lens))
-    return CameraFindings(capture, capture.target, detection, fit, test, tables, lens, seen)
+    return CameraFindings(capture, capture.target, detection, fit, test, tables, lens, seen, assumed)
 
 
-def fit_camera(session: Session, target: LineGrid, detection: GridDetection, lens: Lens | None = None) -> CameraFit:
-    """Fit the camera to a detected grid with what the session states of it."""
+def usual_height(detection: GridDetection, pitch_mm: float) -> Estimate:
+    """Return the height at which a camera with a usual lens stands over the field of a grid's picture."""
+    rows, columns = detection.shape
+    height = _USUAL_HEIGHT * _field_mm(detection, pitch_mm) * math.hypot(rows, columns) / max(rows, columns)
+    return Estimate(height, _USUAL_REL_U * height, "mm", "camera height, not stated")
+
+
+def fit_camera(
+    session: Session,
+    target: LineGrid,
+    detection: GridDetection,
+    lens: Lens | None = None,
+    *,
+    assumed: Estimate | None = None,
+) -> CameraFit:
+    """Fit the camera to a detected grid with what the session states of it, or with a height that is assumed."""
     known = session.camera
     pitch = target.pitch_mm.estimate("grid pitch", "mm")
-    height = None if known.height_mm is None else known.height_mm.estimate("camera height", "mm")
+    height = assumed if known.height_mm is None else known.height_mm.estimate("camera height", "mm")
     if height is not None:
         demand_possible_height(height.value, _field_mm(detection, pitch.value))
     return fit_grid_camera(detection, pitch, height_mm=height, telecentric=known.telecentric, lens=lens)

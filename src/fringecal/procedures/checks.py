@@ -37,6 +37,19 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
     stated = found.session.camera.height_mm
     if found.camera.height_seen is not None and stated is not None:
         checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
+    if found.camera.assumed_height is not None:
+        assumed = found.camera.assumed_height
+        rule = "not stated: a usual lens is assumed, within 60 %; state camera.height_mm"
+        checks.append(
+            Check(
+                name="camera height",
+                value=assumed.value,
+                u=assumed.u,
+                unit="mm",
+                decision="conditionalPass",
+                rule=rule,
+            )
+        )
     if found.angle_en is not None:
         checks.append(
             Check(

@@ -110,10 +110,9 @@ class Commissioning:
             f"Fringe order of the {height:g} mm strips: {decision.order:+d} ({decision.reason})."
             for height, decision in self.orders.items()
         ]
-        lens = () if self.camera.lens is None else self.camera.lens.notes
         further = (note for artefact in self.further for note in artefact.notes)
         moved = () if self.displacement is None or self.displacement.agrees else (self.displacement.sentence(),)
-        return (*orders, *lens, *further, *self.contradictions, *moved, self.angle_sentence)
+        return (*orders, *self.camera.notes, *further, *self.contradictions, *moved, self.angle_sentence)
 
     @cached_property
     def columns(self) -> tuple[ColumnAngle, ...]:

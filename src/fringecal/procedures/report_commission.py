@@ -102,8 +102,9 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
         facts.insert(2, Fact("Angle in theory", concise(found.theory), "from the stated positions"))
     if not camera.telecentric:
         height = Estimate(camera["height_mm"], math.sqrt(camera.covariance[-1, -1]), "mm")
-        origin = "as stated; a grid alone does not show it" if found.camera.lens is None else "by lens and grid"
-        facts.append(Fact("Camera height", concise(height), f"entrance pupil above the plate, {origin}"))
+        facts.append(
+            Fact("Camera height", concise(height), f"entrance pupil above the plate, {found.camera.height_origin}")
+        )
     largest = f"{largest_scale_error_percent(found.camera):.2g} %"
     return (
         *facts,

@@ -181,7 +181,8 @@ def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureIte
         u_height = math.sqrt(camera.covariance[-1, -1])
         # A grid alone shows no height: it is the stated one, and only the tilt is fitted.
         seen = session.camera.model is not None or bool(session.find("board"))
-        name = "camera, fitted" if seen else "camera, height as stated"
+        stated_height = "camera, height as stated" if session.camera.height_mm is not None else "camera, height assumed"
+        name = "camera, fitted" if seen else stated_height
         eye = Pupil(name, camera.position_mm, np.array([0.0, 0.0, u_height]))
         if seen and session.camera.height_mm is not None:
             height = session.camera.height_mm
