@@ -85,7 +85,7 @@ def _administration(certificate: Certificate) -> Section:
     ]
     kept = [(name, words) for name, words in rows if words]
     sentences = tuple(f"Missing: {text}." for text in certificate.missing)
-    table = Table("Laboratory, customer, item", pd.DataFrame(kept, columns=["", "stated"]))
+    table = Table("Laboratory, customer, item", pd.DataFrame(kept, columns=["what", "stated"]))
     return Section("Administration", sentences, (table,))
 
 

@@ -60,6 +60,7 @@ def _draw(axes: Axes, times: np.ndarray, chart: Chart) -> None:
         worst = np.where(worst > chart.upper[beyond], worst, chart.second[beyond])
     axes.plot(times[beyond], worst, color=ORANGE, marker="D", ls="", mfc="none", ms=8)
     axes.margins(y=0.12)
+    axes.ticklabel_format(axis="y", useOffset=False)
 
 
 @styled
