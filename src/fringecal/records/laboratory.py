@@ -1,14 +1,13 @@
 """What only the laboratory can say for a calibration report: `lab.toml`, format 1. Nothing in it is made up."""
 
 import datetime
-import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from fringecal.errors import RecordError
+from fringecal.records.owned import read_owned
 
 NOT_STATED = "not stated"
 
@@ -153,17 +152,4 @@ def read_laboratory(path: str | Path) -> Laboratory:
     RecordError
         The file cannot be read, is not TOML, states no format 1, or holds keys or values that do not belong there.
     """
-    file = Path(path)
-    try:
-        stated: dict[str, Any] = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give the laboratory's file") from error
-    except ValueError as error:  # text that is not UTF-8, or not TOML
-        raise RecordError(f"{file}: is no TOML document ({error})") from error
-    if "format" not in stated:
-        raise RecordError(f'{file}: states no format; write "format = 1" as its first line')
-    try:
-        return Laboratory.model_validate(stated)
-    except ValidationError as error:
-        faults = "; ".join(f"{'.'.join(map(str, fault['loc']))}: {fault['msg']}" for fault in error.errors())
-        raise RecordError(f"{file}: {faults}") from error
+    return read_owned(path, Laboratory, name="the laboratory's file")

@@ -1,13 +1,12 @@
 """Limits of acceptance that a laboratory owns: `limits.toml`, format 1, with defaults argued in docs/limits.md."""
 
 import difflib
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from fringecal.errors import RecordError
+from fringecal.records.owned import read_owned
 
 LIMITS_FILE = "limits.toml"
 
@@ -81,20 +80,7 @@ def read_limits(path: str | Path) -> Limits:
     RecordError
         The file cannot be read, is not TOML, states no format 1, or holds a key or value that is no limit.
     """
-    file = Path(path)
-    try:
-        stated = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a file of limits") from error
-    except ValueError as error:  # text that is not UTF-8, or not TOML
-        raise RecordError(f"{file}: is no TOML document ({error})") from error
-    if "format" not in stated:
-        raise RecordError(f'{file}: states no format; write "format = 1" as its first line')
-    try:
-        return Limits.model_validate(stated)
-    except ValidationError as error:
-        faults = "; ".join(_fault(fault["loc"], fault["msg"], fault.get("input")) for fault in error.errors())
-        raise RecordError(f"{file}: {faults}") from error
+    return read_owned(path, Limits, name="a file of limits", fault=_fault)
 
 
 def limits_for(session: str | Path, stated: str | Path | None = None) -> Limits:
@@ -111,8 +97,9 @@ def limits_for(session: str | Path, stated: str | Path | None = None) -> Limits:
     return read_limits(beside) if beside.is_file() else DEFAULT_LIMITS
 
 
-def _fault(place: tuple[int | str, ...], message: str, found: Any) -> str:
+def _fault(error: Any) -> str:
     """Say what is wrong with one key, and which key may have been meant."""
+    place, message, found = error["loc"], error["msg"], error.get("input")
     name = ".".join(map(str, place))
     if not message.startswith("Extra inputs"):
         return f"{name}: {message} (found {found!r})"
