@@ -37,6 +37,7 @@ def demo(
     as_json: bool = typer.Option(False, "--json", help="Print the result as one JSON document."),
 ) -> None:
     """Simulate, measure, save, print."""
+    from fringecal.procedures.analytic import analytic_cases
     from fringecal.procedures.demo import DemoTruth, demonstrate, read_real, result_table
     from fringecal.procedures.report_demo import demonstration_report
     from fringecal.session import load_session, write_session
@@ -58,7 +59,10 @@ def demo(
         table = result_table(found)
         show("writing the reports")
         _save(out, found, command)
-        report = demonstration_report(found, table, real, command=" ".join(command), created=datetime.now(UTC))
+        analytic = tuple(analytic_cases())
+        report = demonstration_report(
+            found, table, real, analytic, command=" ".join(command), created=datetime.now(UTC)
+        )
         write_report(report, out)
     if as_json:
         print_json({"result": json.loads(table.to_json(orient="records")), "report": str(out / "report.html")})

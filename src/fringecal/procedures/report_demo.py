@@ -6,7 +6,9 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
+from fringecal.procedures.analytic import AnalyticCase
 from fringecal.procedures.demo import THESIS, Demonstration, RealCapture
+from fringecal.procedures.report_analytic import analytic_section
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import height_map
 from fringecal.report.figures_phase import phase_overview
@@ -22,6 +24,7 @@ def demonstration_report(
     found: Demonstration,
     table: pd.DataFrame,
     real: Sequence[RealCapture] = (),
+    analytic: Sequence[AnalyticCase] = (),
     *,
     command: str = "",
     created: datetime | None = None,
@@ -36,6 +39,8 @@ def demonstration_report(
         The result table.
     real
         Phase maps of real captures.
+    analytic
+        Objects drawn by formula and read back.
     """
     angle = found.commissioning.angle
     return Report(
@@ -47,7 +52,7 @@ def demonstration_report(
             Fact("Projection angle", f"{angle.value:.3f} deg", "from the plate's normal, at the origin"),
             Fact("Thesis's height error", f"{THESIS['height_error']} %", "average of the largest errors"),
         ),
-        sections=(_result(table), _bars(found), _leaf(found), *_real(real)),
+        sections=(_result(table), _bars(found), _leaf(found), *_real(real), *_analytic(analytic)),
         versions=software_versions(),
         command=command,
         created=created,
@@ -133,3 +138,7 @@ def _real(real: Sequence[RealCapture]) -> tuple[Section, ...]:
         for c in real
     )
     return (Section("Real captures", sentences, figures=figures),)
+
+
+def _analytic(cases: Sequence[AnalyticCase]) -> tuple[Section, ...]:
+    return (analytic_section(cases),) if cases else ()

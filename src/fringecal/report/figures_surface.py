@@ -19,6 +19,7 @@ def surface_view(
     *,
     exaggeration: float = 1.0,
     stride: int | None = None,
+    unit: str = "mm",
     title: str = "",
 ) -> Figure:
     """Draw a surface in three dimensions, the viewer at the lower edge of the picture.
@@ -31,6 +32,8 @@ def surface_view(
         Factor by which heights are stretched against x and y; stated in the axis label.
     stride
         Draw every stride-th row and column; by default about 160 facets along the longer side.
+    unit
+        Of all three coordinates.
     title
         What was measured.
 
@@ -64,5 +67,5 @@ def surface_view(
     axes.set_zticks([float(f"{low:.2g}"), float(f"{high:.3g}")])  # more would overlap on a flat box
     axes.view_init(elev=32, azim=-65)
     stretched = "" if exaggeration == 1 else f" ({exaggeration:g} times)"
-    axes.set(xlabel="x / mm", ylabel="y / mm", zlabel=f"z / mm{stretched}", title=title)
+    axes.set(xlabel=f"x / {unit}", ylabel=f"y / {unit}", zlabel=f"z / {unit}{stretched}", title=title)
     return figure
