@@ -58,6 +58,10 @@ def observed(true_heights, rng, *, camera=CAMERA):
 
 @pytest.fixture(scope="module")
 def camera_fit():
+    return grid_camera()
+
+
+def grid_camera():
     """A camera as its grid gives it: height known to 5 mm, pitch to 2e-4, crossings to 0.01 px."""
     x, y = (c.ravel() for c in np.meshgrid(np.arange(-200.0, 201, 20), np.arange(-160.0, 161, 20)))
     points = np.column_stack(CAMERA.project(x, y))

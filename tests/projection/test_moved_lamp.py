@@ -38,8 +38,7 @@ def observed(lamp, strip_mm, rng, camera=CAMERA):
     return Observations(*halves, stated)
 
 
-@pytest.fixture(scope="module")
-def camera_fit():
+def grid_camera():
     x, y = (c.ravel() for c in np.meshgrid(np.arange(-200.0, 201, 20), np.arange(-160.0, 161, 20)))
     points = np.column_stack(CAMERA.project(x, y)) + 0.01 * np.random.default_rng(4).standard_normal((x.size, 2))
     height = Estimate(1500.0, HEIGHT_U, "mm", "camera height")
@@ -47,7 +46,11 @@ def camera_fit():
 
 
 @pytest.fixture(scope="module")
-def calibration(camera_fit):
+def calibration():
+    return calibrated(grid_camera())
+
+
+def calibrated(camera_fit):
     """One calibration for the modes: what one standard uncertainty does hardly depends on the draw."""
     return calibrate_rig(observed(STATED.value_mm, STRIP, np.random.default_rng(1)), camera_fit, residual_degree=1)[0]
 
@@ -74,18 +77,21 @@ def test_a_lamp_in_its_stated_place_is_left_in_peace(calibration):
     assert agreed >= 2 * DRAWS - 6
 
 
+def told(calibration, size_mm, turn, rng):
+    """Tell whether a lamp moved square to the fringes is clearly beyond its uncertainty, and is told of rightly."""
+    move = size_mm * np.array([0.0, np.cos(turn), np.sin(turn)])
+    moved = found(calibration, move, rng)
+    across = moved.covariance + 1e9 * np.outer(moved.line, moved.line)
+    sure = float(move @ np.linalg.solve(across, move)) > 4.0**2
+    named = [] if moved.agrees else directions(moved.sentence())
+    wrong = [axis for axis, sign in named if sign * move[axis] < 0]
+    one_of_two = "cannot tell" in moved.sentence()
+    return sure, not moved.agrees and len(wrong) <= one_of_two if sure else moved.agrees or not wrong
+
+
 @pytest.mark.parametrize("size_mm", [5.0, 20.0, 50.0])
 def test_a_moved_lamp_is_found_with_its_direction(calibration, size_mm):
     """Moves square to the fringes, up, down, toward the plate and away: right in 95 of 100."""
     rng = np.random.default_rng(int(size_mm))
-    right = []
-    for turn in 2 * np.pi * (np.arange(DRAWS) + 0.5) / DRAWS:
-        move = size_mm * np.array([0.0, np.cos(turn), np.sin(turn)])
-        moved = found(calibration, move, rng)
-        across = moved.covariance + 1e9 * np.outer(moved.line, moved.line)
-        sure = float(move @ np.linalg.solve(across, move)) > 4.0**2  # well beyond its uncertainty
-        named = [] if moved.agrees else directions(moved.sentence())
-        wrong = [axis for axis, sign in named if sign * move[axis] < 0]
-        one_of_two = "cannot tell" in moved.sentence()
-        right.append(not moved.agrees and len(wrong) <= one_of_two if sure else moved.agrees or not wrong)
+    right = [told(calibration, size_mm, turn, rng)[1] for turn in 2 * np.pi * (np.arange(DRAWS) + 0.5) / DRAWS]
     assert np.mean(right) >= 0.95
