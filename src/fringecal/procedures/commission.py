@@ -15,6 +15,7 @@ from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.orders import PlateOrders
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.camera import CameraFindings, measure_camera
+from fringecal.procedures.causes import fewness, with_causes
 from fringecal.procedures.examination import Examination, examine
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.procedures.further import (
@@ -185,7 +186,8 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
         strips = measure_strips(reference.map, strips_capture.map, target, camera.fit.camera)
     except DetectionError as error:
         height = float(np.mean(target.height_mm.array(target.count)))
-        raise explained(error, plate_phase, camera.fit.camera, height, near) from error
+        explanation = explained(error, plate_phase, camera.fit.camera, height, near)
+        raise with_causes(explanation, reference, strips_capture) from error
     progress("fringe order of the strips")
     ordered = order_strips(
         plate_phase,
@@ -266,10 +268,8 @@ def _whole_plate(reference: CapturePhase) -> Array:
     sizes = np.bincount(pieces.pieces.ravel())
     sizes[0] = 0
     if sizes.max(initial=0) < 0.05 * pieces.pieces.size:
-        raise FitError(
-            f"Only {100 * reference.map.valid.mean():.0f} % of the reference picture carries fringes: more light, less "
-            "ambient light, or a focus of the projector on the plate is needed."
-        )
+        few = "".join(fewness(reference))
+        raise FitError(few or "The bare plate's phase hangs together nowhere: shadows or dirt cut the fringes up.")
     return np.where(pieces.pieces == int(np.argmax(sizes)), pieces.phase, np.nan)
 
 

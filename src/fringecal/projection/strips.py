@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera.plate import PlateCamera
 from fringecal.detect.strips import StripRegions, find_strips
-from fringecal.errors import FitError
+from fringecal.errors import DetectionError, FitError
 from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.unwrap import unwrap
 from fringecal.targets import Strips
@@ -18,6 +18,7 @@ Array = NDArray[np.float64]
 
 _MIN_PIECE = 40  # pixels; smaller pieces of a strip top are left out
 _MIN_SHARE = 0.02  # of the largest piece; crumbs would weigh like whole strips where strips differ
+_BINS, _MODES = 24, 2  # of phase differences: the plate's and the tops' are the two most frequent
 _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or lamp moved between captures
 
 
@@ -69,7 +70,11 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
     """
     valid = reference.valid & strips.valid
     step = np.where(valid, np.angle(np.exp(1j * (strips.phase.astype(float) - reference.phase))), 0.0)
-    return strips_from_step(step, valid, target, camera)
+    try:
+        return strips_from_step(step, valid, target, camera)
+    except DetectionError:
+        _demand_rest(step, valid, target, camera)
+        raise
 
 
 def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> StripPhase:
@@ -89,6 +94,18 @@ def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, came
     found = unwrap(step - drift, regions.labels > 0)
     pieces = _large(found.pieces)
     return StripPhase(regions, np.where(pieces > 0, found.phase, np.nan), pieces, heights, drift)
+
+
+def _demand_rest(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> None:
+    """Refuse a plate that moved between the captures: strips show where the phase that most pixels share is none."""
+    number, edges = np.histogram(step[valid], _BINS, (-np.pi, np.pi))
+    for shared in (edges[:-1] + edges[1:])[np.argsort(-number)[:_MODES]] / 2:
+        if abs(shared) > _MOVED_RAD:
+            try:
+                found = strips_from_step(np.angle(np.exp(1j * (step - shared))), valid, target, camera)
+            except (DetectionError, FitError):
+                continue
+            raise _moved(float(shared) + found.plate_drift_rad)
 
 
 def _demand_size(regions: StripRegions, target: Strips) -> None:
@@ -123,12 +140,16 @@ def _plate_drift(step: Array, regions: StripRegions) -> float:
         return 0.0
     drift = float(np.median(plate))
     if abs(drift) > _MOVED_RAD:
-        raise FitError(
-            f"On the bare plate beside the strips the phase differs by {drift:+z.2f} rad from the reference "
-            "capture: plate, lamp or mirror moved between the two. Take reference and strips again without "
-            "touching the rig."
-        )
+        raise _moved(drift)
     return drift
+
+
+def _moved(drift_rad: float) -> FitError:
+    return FitError(
+        f"On the bare plate beside the strips the phase differs by {drift_rad:+z.2f} rad from the reference "
+        "capture: plate, lamp or mirror moved between the two. Take reference and strips again without "
+        "touching the rig."
+    )
 
 
 def _large(pieces: NDArray[np.int32]) -> NDArray[np.int32]:
