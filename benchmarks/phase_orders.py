@@ -1,7 +1,8 @@
 """Share of pixels of right order: fringecal's unwrapping against scikit-image, and kamui and OpenCV if present.
 
-Run: python benchmarks/phase_orders.py [--side N]. Truth is written down; the share is that of the most frequent
-order, so that a shift of the whole map costs nothing. kamui is looked for and left out if it is not installed.
+Run: python benchmarks/phase_orders.py [--side N] [--seeds N]; with kamui: bash benchmarks/peers.sh, then with
+.venv-peers/bin/python. Truth is written down; the share is that of the most frequent order, so that a shift of the
+whole map costs nothing. kamui is looked for and left out, with a word, if it is not installed.
 """
 
 import argparse
@@ -50,24 +51,33 @@ def histogram_unwrapper(wrapped: np.ndarray) -> np.ndarray:
     return method.create(parameters).unwrapPhaseMap(wrapped.astype(np.float32))
 
 
-def spatial(side: int) -> None:
+def spatial(side: int, seeds: int) -> None:
     methods = {"fringecal": lambda w: unwrap(w).phase, "scikit-image": unwrap_phase}
     if hasattr(cv2, "phase_unwrapping"):
         methods["OpenCV histogram"] = histogram_unwrapper
-    if kamui is not None:
+    if kamui is None:
+        print("kamui is not installed and left out: see benchmarks/peers.sh")
+    else:
         methods["kamui"] = kamui.unwrap_dimensional
-    unwrap(np.zeros((64, 64)))  # compiled and warm
-    print(f"{'right order, ' + str(side) + ' x ' + str(side):24s}" + "".join(f"{m:>24s}" for m in methods))
-    for name, truth in scenes(side, np.random.default_rng(5)).items():
-        wrapped, cells = np.angle(np.exp(1j * truth)), []
-        for title, method in methods.items():
-            if title == "OpenCV histogram" and "0.3 rad" in name and side > 256:
-                cells.append("not run")  # minutes
-                continue
-            start = time.process_time()
-            share = right(method(wrapped), truth)
-            cells.append(f"{share:.4%} in {1e3 * (time.process_time() - start):6.0f} ms")
-        print(f"{name:24s}" + "".join(f"{cell:>24s}" for cell in cells))
+    for method in methods.values():
+        method(np.zeros((64, 64)))  # compiled and warm
+    title = f"right order, {side} x {side}, mean of {seeds}"
+    print(f"{title:36s}" + "".join(f"{m:>24s}" for m in methods))
+    found: dict[str, dict[str, list[tuple[float, float]]]] = {}
+    for seed in range(seeds):
+        for name, truth in scenes(side, np.random.default_rng(5 + seed)).items():
+            wrapped = np.angle(np.exp(1j * truth))
+            for title, method in methods.items():
+                if title == "OpenCV histogram" and "0.3 rad" in name and side > 256:
+                    continue  # minutes
+                start = time.process_time()
+                share = right(method(wrapped), truth)
+                seconds = time.process_time() - start
+                found.setdefault(name, {}).setdefault(title, []).append((share, seconds))
+    for name, by_method in found.items():
+        cells = [np.mean(by_method[m], axis=0) if m in by_method else None for m in methods]
+        shown = ("not run" if c is None else f"{c[0]:.4%} in {1e3 * c[1]:6.0f} ms" for c in cells)
+        print(f"{name:36s}" + "".join(f"{cell:>24s}" for cell in shown))
 
 
 def by_evidence(side: int) -> None:
@@ -87,6 +97,7 @@ def by_evidence(side: int) -> None:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--side", type=int, default=512)
-    side = parser.parse_args().side
-    spatial(side)
-    by_evidence(side)
+    parser.add_argument("--seeds", type=int, default=4)
+    chosen = parser.parse_args()
+    spatial(chosen.side, chosen.seeds)
+    by_evidence(chosen.side)

@@ -86,7 +86,7 @@ def faults(bench):
 
 @pytest.mark.parametrize("seed", range(VIRTUAL_SETS))
 def test_every_fault_is_named(seed):
-    # Of hundreds of sets 95 % are to be named (benchmarks/phase_doctor.py); of these few, all.
+    # Of hundreds of sets 95 % are to be named (benchmarks/doctor_campaign.py); of these few, all.
     bench = Bench(1000 + seed)
     missed = [
         (name, found)

@@ -25,7 +25,10 @@ RIPPLE_ORDERS = (1, 2, 3, 4, 6)
 """Orders, against the fringes, of the ripple that is told from the carrier."""
 
 _BLOCK_LIMITS_PX = (24, 1500)
-_LEAST_ASPECT = 1 / 3  # along the fringes a block need not be as long as across them
+_ENOUGH_BLOCKS = 16  # fewer say little of their own scatter
+_SIZES = ((BLOCK_FRINGES, 1 / 3), (BLOCK_FRINGES, 1 / 6), (2.3, 1 / 6), (2.3, 1 / 12))
+"""Fringes across a block, and its length along them over that across, in the order in which they are tried."""
+
 _MAX_SAMPLES_ALONG = 64
 _LEAST_VALID_SHARE = 0.7
 _LEAST_CYCLES_IN_BLOCK = 1.8
@@ -126,10 +129,16 @@ class _Tiles:
 
 
 def _block_shape(period: FringePeriod, shape: tuple[int, ...]) -> tuple[int, int]:
-    """Return rows and columns of a block: a few fringes across, less along them."""
-    side = BLOCK_FRINGES * period.period_px
+    """Return rows and columns of a block: a few fringes across, less along them, least where blocks would be few."""
+    tried = [_shape_of(period, shape, *size) for size in _SIZES]
+    numbers = [(shape[0] // rows) * (shape[1] // columns) for rows, columns in tried]
+    enough = [size for size, number in zip(tried, numbers, strict=True) if number >= _ENOUGH_BLOCKS]
+    return enough[0] if enough else tried[int(np.argmax(numbers))]
+
+
+def _shape_of(period: FringePeriod, shape: tuple[int, ...], fringes: float, aspect: float) -> tuple[int, int]:
     direction = np.deg2rad(period.direction_deg)
-    lengths = side * np.maximum(np.abs([np.sin(direction), np.cos(direction)]), _LEAST_ASPECT)
+    lengths = fringes * period.period_px * np.maximum(np.abs([np.sin(direction), np.cos(direction)]), aspect)
     least, most = _BLOCK_LIMITS_PX
     rows, columns = (int(np.clip(round(length), least, most)) for length in lengths)
     # Pictures a little shorter than a block are still worth a try.

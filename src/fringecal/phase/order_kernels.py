@@ -5,6 +5,8 @@ from numba import njit, prange
 
 _TWO_PI = 2 * np.pi
 _FAR_BETTER = 4.0
+_MOST_OF_ONE = 9.0  # misfit of one neighbour: beyond an edge it fits no order of this side
+_OWN = 1e9  # a pixel's own misfit is not limited
 _REACH = 2  # pixels to each side that a doubtful pixel asks
 
 
@@ -73,8 +75,9 @@ def _over_window(phi, long, u_long, ratios, zeros, i, j, misfits):  # type: igno
                 continue
             over = np.rint((phi[i, j] - there) / _TWO_PI)
             count += 1
+            weight = ratios.size * (1.0 if a != i or b != j else _OWN)
             for n in range(cycle):
-                misfits[n] += _misfit(there, n + over, long, u_long, a, b, ratios, zeros)
+                misfits[n] += min(_misfit(there, n + over, long, u_long, a, b, ratios, zeros), _MOST_OF_ONE * weight)
     return count
 
 

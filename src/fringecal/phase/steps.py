@@ -18,6 +18,7 @@ from fringecal.phase.demodulate import demodulate
 from fringecal.phase.noise import Noise
 
 _LEAST_BLOCKS = 4
+_LEAST_PLACES = 4  # along an axis, for a change of the steps to be seen along it
 _OUTLIER_MADS = 4.0
 _MAD_TO_SIGMA = 1.482602218505602
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
@@ -43,7 +44,7 @@ class StepEstimate:
     gradient_rad_px
         Change of each step over the field, rad/px along u and v, (N, 2), zero for the first.
     u_gradient_rad_px
-        Standard uncertainties of the same, (N, 2).
+        Standard uncertainties of the same, (N, 2); infinite along an axis with blocks at three places or fewer.
     gain_per_frame, u_gain
         Modulation of each frame against the mean over the frames, and its standard uncertainty, (N,).
     background_per_frame, u_background
@@ -186,6 +187,9 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
     v = np.array([block.v_px for block in blocks]) - (shape[0] - 1) / 2
     fits = [_robust_plane(u, v, error) for error in errors.T]
     mean, u_mean, gradient, u_gradient = (np.array(part) for part in zip(*fits, strict=True))
+    # Blocks above one another share what bends the carrier there: one column of them is one witness.
+    few = [_places(place, length) < _LEAST_PLACES for place, length in ((u, shape[1]), (v, shape[0]))]
+    u_gradient[:, few] = np.inf
     background = np.array([block.background for block in blocks])
     gain, u_gain = _relative(np.abs(signal))
     share, u_share = _relative(background)
@@ -207,6 +211,11 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
         frame_noise=float(np.sqrt(np.median([block.noise**2 for block in blocks]))),
         n_blocks=len(blocks),
     )
+
+
+def _places(centre: NDArray, length: int) -> int:
+    """Count the eighths of the picture's length in which blocks lie."""
+    return np.unique(np.floor(8 * (centre / length + 0.5))).size
 
 
 def _relative(values: NDArray) -> tuple[NDArray, NDArray]:

@@ -12,6 +12,7 @@ from fringecal.phase.waveform import phase_error, ripple_rms
 LEAST_GAIN_ERROR = 0.01
 LEAST_BLUR = 0.04
 LEAST_CLIPPING = 0.045
+OF_GAMMA = 0.35
 LEAST_SECOND_HARMONIC = 0.04
 LEAST_RIPPLE_RAD = 0.012
 LEAST_SATURATED = 0.003
@@ -78,7 +79,8 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     cost = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.ratios))
     of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
     clipped = third - of_gamma
-    if abs(clipped) > max(LEAST_CLIPPING, SIGNIFICANT * wave.u[1]):
+    # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
+    if abs(clipped) > max(LEAST_CLIPPING, SIGNIFICANT * wave.u[1], OF_GAMMA * abs(second)):
         yield Finding(
             "clipped slide",
             "the fringes have flat tops or bottoms: the slide or the projector clips them",
