@@ -7,6 +7,7 @@ from fringecal.detect.grid import find_grid
 from fringecal.detect.grid_check import _along_lines, _largest_patch, choose_coarse
 from fringecal.detect.grid_lattice import Lattice
 from fringecal.detect.grid_seeds import CoarseGrid
+from fringecal.detect.grid_tears import without_torn_islands
 from fringecal.detect.line_weights import _split
 from fringecal.errors import DetectionError
 
@@ -89,3 +90,20 @@ def test_a_small_sheet_among_noise(virtual_grid):
 def test_one_stray_width_does_not_hide_the_two_weights(stray):
     light, heavy = np.linspace(3.8, 4.2, 30), np.linspace(8.0, 8.4, 8)
     assert 4.3 < _split(np.concatenate([light, [stray], heavy])) < 7.9
+
+
+def test_crossings_beyond_a_step_of_two_lines_are_left_out():
+    v, u = np.mgrid[:12, :14] * 20.0
+    nodes = np.stack([u, v], axis=-1)
+    nodes[7:, 9:, 1] += 20.0  # there every row is one too high
+    kept = np.isfinite(without_torn_islands(nodes)[..., 0])
+    # The block hangs on the rest by steps of 40 px above it and by slanted ones of 28 px beside it.
+    assert kept[:7].all()
+    assert kept[:, :9].all()
+    assert not kept[8:, 10:].any()
+
+
+def test_a_smoothly_growing_step_is_no_tear():
+    v, u = np.mgrid[:12, :14]
+    nodes = np.stack([10.0 * 1.12**u, 20.0 * 1.1**v], axis=-1)
+    assert np.array_equal(without_torn_islands(nodes), nodes)

@@ -74,13 +74,32 @@ def test_unusable_pictures(picture, reason):
         find_grid(picture)
 
 
-def test_grid_seen_at_eighty_degrees():
-    # A pinhole of 800 px, 800 px from the sheet along its axis, which leans by 80 deg; lines 30 px apart.
-    v, u = np.mgrid[-150:150, -200:200] / 800.0
-    c, s = np.cos(np.radians(80)), np.sin(np.radians(80))
-    depth = 800 * c / np.maximum(c + v * s, 0.02)
-    p, q = depth * u / 30, (depth * (v * c - s) + 800 * s) / 30
-    lines = np.minimum(np.abs(p - np.round(p)), np.abs(q - np.round(q))) < 0.06
-    picture = cv2.GaussianBlur(np.where(lines, 60.0, 200.0), (0, 0), 0.8)
+def steep_view(turn_deg):
+    """A sheet that leans by 80 deg before a pinhole of 800 px, lines 30 px apart; and pixel -> pitches on it."""
+    lean, turn = np.radians(80), np.radians(turn_deg)
+
+    def to_sheet(u, v):
+        x, y = (u - 259.5) / 800, (v - 199.5) / 800
+        depth = np.cos(lean) / np.maximum(np.cos(lean) - y * np.sin(lean), 1e-3)
+        along, across = x * depth / 0.0375, (y * depth * np.cos(lean) + (depth - 1) * np.sin(lean)) / 0.0375
+        return np.cos(turn) * along + np.sin(turn) * across + 0.3, np.cos(turn) * across - np.sin(turn) * along + 0.4
+
+    v, u = np.mgrid[:2000, :2600] / 5 - 0.4
+    p, q = to_sheet(u, v)
+    ink = np.minimum(np.abs(p - np.round(p)), np.abs(q - np.round(q))) < 0.06
+    paper = 200 - 140 * cv2.resize(ink.astype(float), (520, 400), interpolation=cv2.INTER_AREA)
+    return cv2.GaussianBlur(paper, (0, 0), 0.7) + np.random.default_rng(5).normal(0, 2, paper.shape), to_sheet
+
+
+def test_grid_seen_at_eighty_degrees_is_refused():
     with pytest.raises(DetectionError, match="no (line )?grid found"):
-        find_grid(picture + np.random.default_rng(5).normal(0, 2, picture.shape))
+        find_grid(steep_view(0)[0])
+
+
+def test_what_is_indexed_of_a_grid_turned_and_seen_at_eighty_degrees_has_not_slipped():
+    picture, to_sheet = steep_view(35)
+    grid = find_grid(picture)
+    p, q = (np.round(place) for place in to_sheet(grid.u_px, grid.v_px))
+    # Columns run along p or q, either way; the rows along the other.
+    slips = [np.ptp([a - grid.column, b - grid.row], axis=1).sum() for a, b in ((p, q), (q, -p), (-p, -q), (-q, p))]
+    assert min(slips) == 0

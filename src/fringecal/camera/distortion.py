@@ -16,6 +16,7 @@ from fringecal.camera.distortion_fit import (
     GridFit,
     crossings_of,
     fit_lens_on_grid,
+    left_out_u,
     pitches_per_px,
     without_outliers,
 )
@@ -37,6 +38,8 @@ MIN_CROSSINGS = 25
 STRONG = 0.08
 #: A free centre or a third radial term must explain more than chance does once in a thousand.
 CHANCE = 0.001
+#: Four fits that leave out a quarter of the grid each have a mean.
+JACKKNIFE_DOF = 3.0
 
 
 @dataclass(frozen=True)
@@ -66,8 +69,6 @@ class DistortionTest:
         One row per line, before and after undistortion (`camera.straightness`).
     pitches_per_px
         Pitches of the grid that one px spans at the image centre, mean of both directions.
-    misfit
-        Rms of the residuals with the lens over the crossings' own uncertainty; every u is enlarged by it.
     misfit
         Rms of the residuals with the lens over the crossings' own uncertainty; every u is enlarged by it.
     """
@@ -271,15 +272,21 @@ def _largest_displacement(crossings: Crossings, fitted: GridFit) -> tuple[Estima
 
 
 def _coefficients(crossings: Crossings, fitted: GridFit) -> dict[str, Estimate]:
-    """Estimates of the lens's free parameters; the centre in px of the picture."""
+    """Estimates of the lens's free parameters; the centre in px of the picture.
+
+    Of a free centre, u is at least what four fits that leave out a quarter of the grid each say.
+    """
+    left_out = left_out_u(crossings, fitted) if "cu" in fitted.free else {}
     found = {}
     for i, name in enumerate(fitted.result.var_names):
         if name.startswith("h"):
             continue
-        value, unit = fitted.result.params[name].value, ""
+        value, unit, dof = fitted.result.params[name].value, "", float(fitted.result.nfree)
         u = math.sqrt(fitted.covariance[i, i]) if fitted.covariance is not None else math.nan
+        if left_out.get(name, 0.0) > u:
+            u, dof = left_out[name], JACKKNIFE_DOF
         if name in ("cu", "cv"):
             middle = crossings.middle[0 if name == "cu" else 1]
             value, u, unit = middle + value * crossings.half_diagonal, u * crossings.half_diagonal, "px"
-        found[name] = Estimate(float(value), float(u), unit, name, fitted.result.nfree)
+        found[name] = Estimate(float(value), float(u), unit, name, dof)
     return found

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from fringecal.camera.distortion import Centre, DistortionTest, examine_distortion
 from fringecal.camera.scale import ThesisScale, thesis_scale
+from fringecal.camera.spacing import line_spacing_px
 from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
 from fringecal.cli.pictures import read_picture
@@ -155,6 +156,10 @@ def _document(image: Path, found: GridPicture) -> dict[str, Any]:
             "u_centre_px": None if test.centre is None else [one.u for one in test.centre],
             "coefficients": {name: {"value": e.value, "u": e.u} for name, e in test.coefficients.items()},
             "half_diagonal_px": test.lens.half_diagonal_px,
+        },
+        "spacing_px": {
+            when: {family: {"value": e.value, "u": e.u} for family, e in line_spacing_px(detection, lens).items()}
+            for when, lens in (("before", None), ("after", test.lens))
         },
         "straightness_rms_px": {
             when: {family: family_rms_px(table, family) for family in FAMILIES}

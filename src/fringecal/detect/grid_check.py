@@ -1,6 +1,7 @@
 """Is it a line grid? Choice among candidate lattices, and plain refusal of what only resembles one."""
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
@@ -62,16 +63,19 @@ def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -
 
 
 def _along_lines(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[CoarseGrid, float, float]:
-    """Turn a lattice that counts along a diagonal to its lines; also its line evidence.
+    """Turn a lattice that counts along a diagonal, or every other line, to its lines; also its line evidence.
 
-    The points alone cannot tell: where a neighbour of the seed is covered or off its place, the diagonal
-    serves the growth as well.
+    The points alone cannot tell: where a neighbour of the seed is covered or off its place, the diagonal or the
+    next but one serves the growth as well.
     """
+    lattice = candidate.lattice
     best = candidate, *_line_evidence(grey, candidate)
-    for shear in SHEARS:
+    others = [partial(lattice.sheared, *shear) for shear in SHEARS]
+    others += [partial(lattice.halved, rows=1, columns=2), partial(lattice.halved, rows=2, columns=1)]
+    for other in others:
         if best[1] > MIN_PRESENT:
             break
-        turned = replace(candidate, lattice=candidate.lattice.sheared(*shear))
+        turned = replace(candidate, lattice=other())
         best = max(best, (turned, *_line_evidence(grey, turned)), key=lambda each: each[1])
     return best
 
@@ -130,6 +134,8 @@ def _largest_pattern(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]
 
 def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[float, float]:
     """Part of the edges with a line all along their middle, and its median contrast: the weaker family's."""
+    if not candidate.lattice.whole_cells():
+        return 0.0, 0.0
     nodes = candidate.lattice.nodes()
     least = MIN_RELATIVE_EDGE * _cell_range(grey, nodes)
     present, typical = 1.0, np.inf

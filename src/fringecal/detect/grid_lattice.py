@@ -53,10 +53,18 @@ class Lattice:
         """Grow anew from the members at the kept ones of the sites (rows, columns)."""
         nodes = np.where(kept[..., None], self.nodes(), np.nan)
         pick = kept[self.row, self.column]
-        row, column = self.row[pick], self.column[pick]
-        bases = np.stack([along(nodes, 0)[row, column], along(nodes, 1)[row, column]], axis=1)
-        known = np.stack([self.member[pick], column - column[0], row - row[0]], axis=1)
-        return _oriented(self.points, grow(self.points, known, bases))
+        return replace(self, member=self.member[pick], row=self.row[pick], column=self.column[pick])._grown(nodes)
+
+    def _grown(self, nodes: FloatArray, *, rows: int = 1, columns: int = 1) -> "Lattice":
+        """Grow from all members by the steps between nodes, divided by so many rows and columns."""
+        at = self.row, self.column
+        bases = np.stack([along(nodes, 0)[at] / columns, along(nodes, 1)[at] / rows], axis=1)
+        column, row = columns * (self.column - self.column[0]), rows * (self.row - self.row[0])
+        return _oriented(self.points, grow(self.points, np.stack([self.member, column, row], axis=1), bases))
+
+    def halved(self, *, rows: int, columns: int) -> "Lattice":
+        """Count so many rows, or columns, where one was counted, and grow anew into those between."""
+        return self._grown(self.nodes(), rows=rows, columns=columns)
 
     def sheared(self, down: int, right: int) -> "Lattice":
         """Count rows, or columns, along a diagonal instead: row + down column, column + right row; grown anew."""

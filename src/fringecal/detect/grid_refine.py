@@ -15,6 +15,7 @@ from fringecal.detect.grid_crossings import (
 )
 from fringecal.detect.grid_map import SmoothMap, deviations, fit_to_nodes, fit_to_points, robust_sd
 from fringecal.detect.grid_nodes import Edges, edges_between, predict_missing, stubs
+from fringecal.detect.grid_tears import without_torn_islands
 from fringecal.detect.line_points import (
     MAX_PATCHES,
     PATCH_LENGTH_PX,
@@ -36,6 +37,8 @@ EXTENSION_ROUNDS = 12
 # Across a gap of so many lines the map of the whole grid predicts crossings; those found further off than this part
 # of the spacing are others.
 MAX_BRIDGE = 4
+# Steps of a grid seen obliquely change by more than this part from line to line: gaps are not bridged there.
+MAX_CHANGE = 0.04
 # A round that loses more than the rest of the crossings, and finds no others, is not the last one.
 MIN_KEPT = 0.98
 MAX_BRIDGE_MOVE = 0.15
@@ -132,12 +135,25 @@ def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> t
     known, nodes = np.pad(known, pads), predict_missing(np.pad(nodes, [*pads, (0, 0)], constant_values=np.nan))
     near = cv2.dilate(known.astype(np.uint8), np.ones(2 * reach + 1, np.uint8)) > 0
     row, column = np.nonzero(near & ~np.isfinite(nodes[..., 0]))
-    at = smooth(row - pads[0][0], column - pads[1][0])
-    inside = ((at > 0) & (at < np.array(shape[::-1]) - 1)).all(axis=1)
+    index = row - pads[0][0], column - pads[1][0]
+    at = smooth(*index)
+    inside = ((at > 0) & (at < np.array(shape[::-1]) - 1)).all(axis=1) & _gentle(smooth, *index)
     nodes[row[inside], column[inside]] = at[inside]
     bridged = np.zeros_like(known)
     bridged[row[inside], column[inside]] = True
     return known, nodes, bridged
+
+
+def _gentle(smooth: SmoothMap, row: IntArray, column: IntArray) -> BoolArray:
+    """Sites where the map's steps change little from line to line, so that it may be trusted beyond a gap."""
+    gentle = np.ones(len(row), dtype=bool)
+    for family in (0, 1):
+        for down, right in ((1, 0), (0, 1)):
+            after, before = (
+                np.linalg.norm(smooth.step(row + way * down, column + way * right, family), axis=1) for way in (1, -1)
+            )
+            gentle &= np.abs(after - before) < MAX_CHANGE * (after + before)
+    return gentle
 
 
 def _cropped(nodes: FloatArray, smooth: SmoothMap) -> tuple[FloatArray, SmoothMap]:
@@ -152,6 +168,7 @@ def _without_slips(nodes: FloatArray) -> FloatArray:
 
     Behind a cover an index may have slipped by one; such an island is left out rather than guessed at.
     """
+    nodes = without_torn_islands(nodes)
     row, column = np.mgrid[: nodes.shape[0], : nodes.shape[1]]
     limit = MAX_STRAY * _spacing(nodes)
     kept = nodes

@@ -132,7 +132,7 @@ def _background(smooth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
 
 def _rms(band: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Root mean square of the band over about 30 x 30 pixels."""
-    return _enlarged(np.sqrt(cv2.blur(_quarter(band * band), (7, 7))), band)
+    return _enlarged(np.sqrt(np.maximum(cv2.blur(_quarter(band * band), (7, 7)), 0)), band)
 
 
 def _quarter(level: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:

@@ -123,6 +123,7 @@ def _split(width_px: FloatArray) -> float:
     Widths that only spread, as blur and lens make them, split into halves that are not much narrower than their
     distance.
     """
+    width_px = width_px[width_px > 0]
     if width_px.size == 0:
         return np.inf
     log = np.sort(np.log(width_px[width_px > MIN_RELATIVE_WIDTH * np.median(width_px)]))

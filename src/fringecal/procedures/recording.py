@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.camera.straightness import family_rms_px
+from fringecal.detect.grid import FAMILIES
 from fringecal.errors import RecordError
 from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.checks import commissioning_checks, verification_checks
@@ -241,7 +243,19 @@ def _distortion_record(found: Commissioning) -> record.DistortionRecord:
         k1=found.calibration.camera["k1"],
         k2=found.calibration.camera["k2"],
         p_value=test.p_value,
+        centre_px=None if test.centre is None else _values_record(test.centre),
+        straightness_px=record.StraightnessRecord(
+            **{
+                f"{family}_{when}": family_rms_px(table, family)
+                for family in FAMILIES
+                for when, table in (("before", test.straightness_before), ("after", test.straightness_after))
+            }
+        ),
     )
+
+
+def _values_record(estimates: Sequence[Estimate]) -> VectorU:
+    return VectorU(value=tuple(e.value for e in estimates), u=tuple(e.u for e in estimates))
 
 
 def _projection_record(found: Commissioning) -> record.ProjectionRecord:

@@ -61,6 +61,15 @@ class ScaleRecord(Part):
     vertical: EstimateRecord
 
 
+class StraightnessRecord(Part):
+    """Rms distance of the lines' points from straight, px, as seen and with the lens taken out."""
+
+    horizontal_before: float = Field(ge=0)
+    horizontal_after: float = Field(ge=0)
+    vertical_before: float = Field(ge=0)
+    vertical_after: float = Field(ge=0)
+
+
 class DistortionRecord(Part):
     """The verdict on lens distortion, with the smallest displacement that would have been found."""
 
@@ -70,6 +79,8 @@ class DistortionRecord(Part):
     k1: float = 0.0
     k2: float = 0.0
     p_value: float = Field(ge=0, le=1)
+    centre_px: VectorU | None = Field(None, description="centre of distortion (u, v), if the grid determines it")
+    straightness_px: StraightnessRecord | None = None
 
 
 class ColumnRecord(Part):
