@@ -16,7 +16,7 @@ from fringecal.procedures.commission import Commissioning, commission
 from fringecal.procedures.frames import phase_of_capture
 from fringecal.projection.models import height_model
 from fringecal.projection.pixelwise import LAWS, fit_pixelwise
-from fringecal.reconstruct.height import absolute_phase
+from fringecal.reconstruct.object_phase import absolute_phase
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import RigSpec, load_rig, simulate_session
 
@@ -65,8 +65,9 @@ def compare(name: str, session: Session, truth: np.ndarray) -> None:
     found = commission(session)
     commissioned = time.process_time() - start
     rays = found.calibration.camera.pixel_rays()
-    bars = absolute_phase(phase_of_capture(session.named("bars")).map, found.calibration, rays)
-    inside = (truth > 1.0) & (truth < 27.0) & np.isfinite(bars.phase_rad)
+    bars = absolute_phase(phase_of_capture(session.named("bars")).map, found.calibration)
+    phase_rad = bars.step_rad + found.calibration.model.phase(rays.ax, rays.ay, 0.0)
+    inside = (truth > 1.0) & (truth < 27.0) & np.isfinite(phase_rad)
     # A pixel that straddles a ridge, a valley or an end sees two surfaces.
     inside &= np.hypot(*np.gradient(truth)) < 1.5
     shifted = len(session.named("bars").steps_rad)
@@ -86,7 +87,7 @@ def compare(name: str, session: Session, truth: np.ndarray) -> None:
     print(f"{'model':30s} {'median':>8s} {'68 %':>8s} {'99 %':>8s} mm  pictures  CPU s fit  CPU s read")
     for label, (height, pictures, fit_seconds) in rows.items():
         start = time.process_time()
-        z = height(bars.phase_rad, rays)
+        z = height(phase_rad, rays)
         read = time.process_time() - start
         error = (z - truth)[inside]
         error = error[np.isfinite(error)]
