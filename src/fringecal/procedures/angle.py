@@ -13,11 +13,10 @@ from fringecal.procedures.camera import CameraFindings, measure_camera
 from fringecal.procedures.commission import Commissioning, commission, displaced, projector_of
 from fringecal.procedures.further import strips_captures, strips_target
 from fringecal.projection.angle import (
-    angle_estimate,
+    angles_at_origin,
     apparent_angle,
     fringe_pitch_mm,
     projection_angle,
-    theoretical_angle,
 )
 from fringecal.projection.breaks import Breaks
 from fringecal.projection.calibration import RigCalibration
@@ -172,7 +171,7 @@ def _findings(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator 
     picture: NDArray,
 ) -> AngleFindings:
     stated = projector_of(session)
-    angle, budget = angle_estimate(calibration)
+    origin = angles_at_origin(calibration, stated)
     by_fringe = estimator == "skeleton"
     columns, rows = both_axes(calibration, breaks, by_fringe=by_fringe, projector=stated)
     return AngleFindings(
@@ -183,10 +182,10 @@ def _findings(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator 
         breaks=breaks,
         columns=columns,
         rows=rows,
-        angle=angle,
-        apparent=angle_estimate(calibration, apparent=True)[0],
-        budget=budget,
-        theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
+        angle=origin.angle,
+        apparent=origin.apparent,
+        budget=origin.budget,
+        theory=origin.theory,
         order=order,
         displacement=displaced(calibration, stated),
         picture=picture,

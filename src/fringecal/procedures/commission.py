@@ -29,12 +29,7 @@ from fringecal.procedures.further import (
     with_further,
 )
 from fringecal.projection.advice import Advice, advise
-from fringecal.projection.angle import (
-    ProjectorPosition,
-    angle_estimate,
-    fringe_pitch_mm,
-    theoretical_angle,
-)
+from fringecal.projection.angle import ProjectorPosition, angles_at_origin, fringe_pitch_mm
 from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
 from fringecal.projection.columns import ColumnAngle, both_axes
 from fringecal.projection.fit import RigFit
@@ -310,9 +305,7 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
     fit: RigFit,
     plate_phase: Array,
 ) -> Commissioning:
-    angle, budget = angle_estimate(calibration)
-    apparent, _ = angle_estimate(calibration, apparent=True)
-    stated = projector_of(session)
+    origin = angles_at_origin(calibration, projector_of(session))
     return Commissioning(
         session=session,
         camera=camera,
@@ -323,10 +316,10 @@ def _angles(  # noqa: PLR0913, PLR0917 -- private: gathers what commissioning fo
         observations=observations,
         calibration=calibration,
         fit=fit,
-        angle=angle,
-        angle_budget=budget,
-        apparent=apparent,
-        theory=None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0),
+        angle=origin.angle,
+        angle_budget=origin.budget,
+        apparent=origin.apparent,
+        theory=origin.theory,
         pitch_mm=float(fringe_pitch_mm(calibration.model)),
         plate_phase_rad=plate_phase,
     )

@@ -84,6 +84,23 @@ def angle_estimate(
     return calibration.estimate(angle, unit="deg", label=label)
 
 
+@dataclass(frozen=True)
+class OriginAngles:
+    """The angles at the plate's origin, deg; the budget is the true angle's, theory None without a stated position."""
+
+    angle: Estimate
+    budget: dict[str, float]
+    apparent: Estimate
+    theory: Estimate | None
+
+
+def angles_at_origin(calibration: RigCalibration, stated: ProjectorPosition | None) -> OriginAngles:
+    """Return measured, apparent and theoretical angle at the plate's origin."""
+    angle, budget = angle_estimate(calibration)
+    theory = None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0)
+    return OriginAngles(angle, budget, angle_estimate(calibration, apparent=True)[0], theory)
+
+
 def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Array, Array]:
     """Return tan(theta) that each pixel on a strip's top shows by itself, and the plate point it belongs to.
 
