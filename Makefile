@@ -6,7 +6,7 @@ RUN = PATH="$(ROOT)/.venv/bin:$$PATH"
 PYTEST_FLAGS ?= -n 2
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench constraints clean
+.PHONY: help demo test lint format bench docs constraints clean
 
 help:  ## list the targets
 	@sed -n 's/^\([a-z][a-z]*\):.*##  */\1\t/p' Makefile | expand -t 14
@@ -35,6 +35,15 @@ bench: .venv/.ready  ## run every benchmark and print its figures
 	    [ -e "$$script" ] || continue; \
 	    echo "== $$script"; $(RUN) python "$$script" || exit 1; \
 	done
+
+.venv/.docs: .venv/.ready
+	@.ci/environment docs
+	@touch $@
+
+docs: .venv/.docs  ## build the documentation as a site, warnings as errors, into site/
+	@$(RUN) python docs/stage.py
+	@$(RUN) NO_MKDOCS_2_WARNING=1 mkdocs build --strict --quiet
+	@echo "site/index.html"
 
 constraints: .venv/.ready  ## resolve pyproject.toml anew and rewrite constraints.txt
 	@.ci/constraints

@@ -179,12 +179,13 @@ def test_every_verb_can_answer_a_program(words):
     assert "--json" in options
 
 
-def readme_commands():
-    """Every fringecal command line in the pages a newcomer reads, with the backslash lines joined."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8").replace("\\\n", " ")
+def page_commands():
+    """Every fringecal command line in the pages, with the backslash lines joined."""
+    pages = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "procedures").glob("*.md"))]
+    text = "\n".join(page.read_text(encoding="utf-8") for page in pages).replace("\\\n", " ")
     blocks = re.findall(r"```(?:sh|console)\n(.*?)```", text, flags=re.DOTALL)
     lines = [line.split("#")[0].strip() for block in blocks for line in block.splitlines()]
-    return [line for line in lines if line.startswith("fringecal ")]
+    return sorted({line for line in lines if line.startswith("fringecal ")})
 
 
 def test_the_session_of_the_readme_is_one():
@@ -193,8 +194,8 @@ def test_the_session_of_the_readme_is_one():
     SessionDocument.model_validate(tomllib.loads(example))
 
 
-@pytest.mark.parametrize("line", readme_commands())
-def test_commands_of_the_readme_parse(line):
+@pytest.mark.parametrize("line", page_commands())
+def test_commands_of_the_pages_parse(line):
     called = shlex.split(line)[1:]
     words = next(words for words in COMMANDS if tuple(called[: len(words)]) == words)
     COMMANDS[words].make_context(" ".join(words), called[len(words) :], resilient_parsing=False)

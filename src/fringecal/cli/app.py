@@ -29,6 +29,7 @@ VERBS = (
     "rerun",
     "certificate",
     "procedure",
+    "serve",
 )
 
 

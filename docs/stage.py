@@ -1,0 +1,75 @@
+"""Lay out the pages of the site: `python docs/stage.py`, before `mkdocs build`; see `make docs`.
+
+The pages keep their places, so that their links hold on the site as they do in the source tree; one page per room lists
+its modules for the reference, and one shows the help of every verb.
+"""
+
+import shutil
+import tomllib
+from pathlib import Path
+
+import typer
+
+from fringecal.cli.app import VERBS, build_app
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "build" / "pages"
+
+
+def main() -> None:
+    shutil.rmtree(PAGES, ignore_errors=True)
+    for pattern in ("README.md", "CHANGELOG.md", "LICENSE", "docs/*.md", "docs/*.toml", "procedures/**/*", "targets/*"):
+        for file in filter(Path.is_file, ROOT.glob(pattern)):
+            place = PAGES / file.relative_to(ROOT)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file, place)
+            if file.parent.name == "procedures" and file.name != "README.md":
+                place.write_text(procedure_page(file.read_text(encoding="utf-8")), encoding="utf-8")
+    reference = PAGES / "reference"
+    reference.mkdir()
+    for room in sorted(path.parent for path in (ROOT / "src" / "fringecal").glob("*/__init__.py")):
+        (reference / f"{room.name}.md").write_text(room_page(room), encoding="utf-8")
+    (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
+
+
+def procedure_page(text: str) -> str:
+    """A bench page with its front matter as a sentence below the title."""
+    _, front, body = text.split("+++\n", 2)
+    stated = tomllib.loads(front)
+    function = stated["function"].replace(":", ".")
+    pairing = f"Run by `fringecal {stated['verb']}`, evaluated by `{function}`; walked by `fringecal procedure run`.\n"
+    title, _, rest = body.partition("\n")
+    return f"{title}\n\n{pairing}\n{rest}"
+
+
+def room_page(room: Path) -> str:
+    """One section per module of a room, from its docstrings."""
+    modules = sorted(path.stem for path in room.glob("*.py") if path.stem not in ("__init__", "kernels"))
+    return f"# {room.name}\n\n" + "\n".join(f"::: fringecal.{room.name}.{module}\n" for module in modules)
+
+
+def commands_page() -> str:
+    """The help of every verb, as the command prints it."""
+    group = typer.main.get_command(build_app())
+    parts = ["# Commands\n\nExit codes: 0 pass, 1 error, 2 usage, 3 out of tolerance.\n"]
+    for verb in VERBS:
+        command = group.commands[verb]
+        for name, one in getattr(command, "commands", {"": command}).items():
+            words = f"fringecal {verb} {name}".strip()
+            context = typer.Context(one, info_name=words, max_content_width=100)
+            told = "\n\n".join((one.get_usage(context), (one.help or "").strip(), options_of(one)))
+            parts.append(f"## {words}\n\n```text\n{told}\n```\n")
+    return "\n".join(parts)
+
+
+def options_of(command: object) -> str:
+    """One line per option and argument."""
+    rows = [
+        (" ".join(p.opts) if p.param_type_name == "option" else str(p.name).upper(), getattr(p, "help", "") or "")
+        for p in command.params
+    ]
+    return "\n".join(f"{name:24s} {' '.join(text.split())}" for name, text in rows)
+
+
+if __name__ == "__main__":
+    main()

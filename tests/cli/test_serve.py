@@ -1,0 +1,125 @@
+"""`fringecal serve`: pages of a history, read only, under its own name."""
+
+import html
+import re
+import threading
+import urllib.request
+
+import pytest
+
+from fringecal.errors import FringecalError
+from fringecal.history.entries import Entry, Reading
+from fringecal.history.store import open_history
+
+flask = pytest.importorskip("flask", reason="the extra serve is not installed")
+
+NASTY = "<b>rig</b>/../2 & more"
+
+
+def entry(number: int, rig: str, kind: str, decision: str = "pass") -> Entry:
+    day = f"2026-{1 + number:02d}-01T08:00:00+00:00"
+    readings = (Reading("scale, mean", 0.734 + 1e-5 * (number % 3), "mm/px", 1e-5),)
+    return Entry(rig, kind, day, day, f"{number:064x}", decision, readings, document=f'{{"number": {number}}}')
+
+
+@pytest.fixture
+def db(tmp_path):
+    path = tmp_path / "history.db"
+    with open_history(path) as history:
+        kinds = ("calibration", "audit", "verification", "audit", "audit", "audit")
+        history.append([entry(number, "bench-1", kind) for number, kind in enumerate(kinds)])
+        history.append([entry(8, NASTY, "audit", "fail")])
+    return str(path)
+
+
+@pytest.fixture
+def client(db):
+    from fringecal.cli.serve import dashboard
+
+    return dashboard(db).test_client()
+
+
+def test_rigs_with_their_last_audit(client):
+    page = client.get("/")
+    assert page.status_code == 200
+    rows = re.findall(r"<tr>(.*?)</tr>", page.text, flags=re.DOTALL)
+    (bench,) = [row for row in rows if "bench-1" in row]
+    assert re.findall(r"<td>(.*?)</td>", bench) == [
+        "6", "2026-06-01 08:00", "pass", "2026-01-01 08:00", "2026-06-01 08:00", "pass"
+    ]  # fmt: skip
+    assert "<b>rig" not in page.text
+
+
+def test_every_link_of_every_page_leads_somewhere(client):
+    seen, todo = set(), ["/"]
+    while todo:
+        place = todo.pop()
+        page = client.get(place)
+        assert page.status_code == 200, place
+        seen.add(place)
+        if page.mimetype == "text/html":
+            found = {html.unescape(link) for link in re.findall(r'href="(/[^"]*)"', page.text)}
+            todo += sorted(found - seen - set(todo))
+    assert f"/record/{1:064x}" in seen
+    assert "/report?name=bench-1" in seen
+    assert client.get(f"/record/{1:064x}").json == {"number": 1}
+
+
+@pytest.mark.parametrize(
+    "place", ["/rig?name=none", "/rig", "/record/none", "/report?name=none", "/etc/passwd", "/../../etc/passwd"]
+)
+def test_what_is_not_there_is_not_found(client, place):
+    page = client.get(place)
+    assert page.status_code == 404
+    assert "Not to be had" in page.text
+
+
+@pytest.mark.parametrize("method", ["post", "put", "delete", "patch"])
+def test_nothing_can_be_written(client, method):
+    assert getattr(client, method)("/").status_code == 405
+    assert getattr(client, method)("/rig?name=bench-1", data=b"x" * 1000).status_code == 405
+
+
+def test_pages_run_no_script_and_answer_to_their_own_name_only(client):
+    page = client.get("/")
+    assert "default-src 'none'" in page.headers["Content-Security-Policy"]
+    assert client.get("/", headers={"Host": "evil.example:8050"}).status_code == 403
+    assert client.get("/", headers={"Host": "[::1]:8050"}).status_code == 200
+
+
+def test_a_history_that_is_not_there_is_refused(run, tmp_path):
+    outcome = run("serve", "--db", tmp_path / "none.db")
+    assert outcome.code == 1
+    assert "there is no history" in outcome.stderr
+
+
+def test_it_listens_on_this_machine(db, monkeypatch, capsys):
+    """The verb itself, with a real request; another server on the same port is refused."""
+    from werkzeug import serving
+
+    from fringecal.cli import serve
+
+    made, ready = [], threading.Event()
+    make_server = serving.make_server
+
+    def remembered(*arguments, **options):
+        made.append(make_server(*arguments, **options))
+        ready.set()
+        return made[-1]
+
+    monkeypatch.setattr(serving, "make_server", remembered)
+    thread = threading.Thread(
+        target=serve.serve, kwargs={"db": db, "host": "127.0.0.1", "port": 0, "as_json": True}, daemon=True
+    )
+    thread.start()
+    assert ready.wait(30)
+    port = made[0].server_port
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as answer:
+        assert b"bench-1" in answer.read()
+    monkeypatch.undo()
+    with pytest.raises(FringecalError, match="another --port"):
+        serve.serve(db=db, host="127.0.0.1", port=port, as_json=True)
+    made[0].shutdown()
+    thread.join(30)
+    made[0].server_close()
+    assert f"http://127.0.0.1:{port}/" in capsys.readouterr().out
