@@ -35,7 +35,10 @@ def test_an_archived_record_is_repeated(archived):
     assert session_folder(written) == Path("session")
     found = rerun(written, archived / "session")
     assert found.fresh.inputs == written.inputs
-    assert {check.name: check.decision for check in found.fresh.checks} == {c.name: c.decision for c in written.checks}
+    then, now = ({c.name: c.decision for c in one.checks} for one in (written, found.fresh))
+    common = then.keys() & now.keys()  # later versions may judge more, or something better
+    assert len(common) >= 5
+    assert {name: now[name] for name in common} == {name: then[name] for name in common}
     # Later versions may do better, and say so under "Numbers that change"; none may contradict an older one.
     assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
     assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
