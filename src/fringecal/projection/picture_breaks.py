@@ -1,7 +1,7 @@
 """From one grey picture of strips to a fitted rig and its breaks: the ridge and the skeleton estimators."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
@@ -94,8 +94,9 @@ def picture_breaks(
     """
     grey = np.asarray(image)
     progress("finding the strips in one picture")
-    found = strips_in_picture(grey, target, camera.camera, projector_mm=projector_mm)
-    ordered = order_strips(found.plate_phase_rad, found.strips, camera.camera, projector_mm=projector_mm)
+    found, ordered = _ordered(
+        strips_in_picture(grey, target, camera.camera, projector_mm=projector_mm), camera, projector_mm
+    )
     if estimator == "skeleton":
         _demand_width(found)
     progress(f"reading the fringes ({estimator})")
@@ -115,6 +116,19 @@ def picture_breaks(
     breaks = breaks_on_plate(in_pixels, calibration.model, calibration.camera, heights, along=along)
     breaks = breaks.without_outliers(projection_tangent(calibration.model, breaks.x_mm, breaks.y_mm))
     return PictureBreaks(found, ordered, points, breaks, observations, calibration, fit)
+
+
+def _ordered(
+    candidates: Iterator[PictureStrips], camera: CameraFit, projector_mm: Array | None
+) -> tuple[PictureStrips, OrderedStrips]:
+    """Take the first way to see the strips that has a fringe order."""
+    errors: list[FitError] = []
+    for found in candidates:
+        try:
+            return found, order_strips(found.plate_phase_rad, found.strips, camera.camera, projector_mm=projector_mm)
+        except FitError as error:
+            errors.append(error)
+    raise errors[0]
 
 
 def _degree(points: FringePoints) -> int:

@@ -4,6 +4,7 @@ As the thesis did, one picture is all there is. The fringes are demodulated line
 smooth one of the two levels that makes a row of strips as the target states it.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +35,11 @@ class PictureStrips:
 
 def strips_in_picture(
     image: ArrayLike, target: Strips, camera: PlateCamera, *, projector_mm: Array | None = None
-) -> PictureStrips:
-    """Find the strips in one picture by the phase they add to the plate's.
+) -> Iterator[PictureStrips]:
+    """Find the strips in one picture by the phase they add to the plate's, in every way that shows them.
+
+    Where only part of the strips is lit, gaps may make a row of strips as well as strips do: what the fringe order then
+    says of the lamp must tell.
 
     Parameters
     ----------
@@ -57,28 +61,43 @@ def strips_in_picture(
     """
     carrier = demodulate_lines(image)
     valid = fringed(carrier)
-    found: list[tuple[float, StripPhase, SmoothPhase]] = []
+    unsure: list[tuple[float, PictureStrips]] = []
     errors: list[Exception] = []
     tried: list[SmoothPhase] = []
+    sure = False
     for plate in plate_phases(carrier, valid):
         tried.append(plate)
         try:
-            strips = strips_from_step(_step(carrier, plate), valid, target, camera)
-            plate = plate_phase_on(carrier, valid & (strips.regions.labels == 0), plate)
-            strips = strips_from_step(_step(carrier, plate), valid, target, camera)
+            share, found = _found(carrier, plate, valid, target, camera)
         except (DetectionError, FitError) as error:
             errors.append(error)
             continue
-        found.append((_agreement(_step(carrier, plate), strips), strips, plate))
-        if found[-1][0] > _SURE:
-            break
-    if not found:
+        if share > _SURE:
+            sure = True
+            _demand_crossing(carrier, found.strips)
+            yield found
+        else:
+            unsure.append((share, found))
+    if sure:
+        return
+    if not unsure:
         reason = DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
         height = float(np.mean(target.height_mm.array(target.count)))
         raise explained(reason, np.where(valid, tried[0].map(), np.nan), camera, height, projector_mm)
-    _, strips, plate = max(found, key=lambda one: one[0])
-    _demand_crossing(carrier, strips)
-    return PictureStrips(carrier, np.where(valid, plate.map(), np.nan), strips)
+    for _, found in sorted(unsure, key=lambda one: -one[0]):
+        _demand_crossing(carrier, found.strips)
+        yield found
+
+
+def _found(
+    carrier: LineCarrier, plate: SmoothPhase, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera
+) -> tuple[float, PictureStrips]:
+    """Find the strips over one level of phase; also the share of pixels that lie where their label asks for it."""
+    strips = strips_from_step(_step(carrier, plate), valid, target, camera)
+    plate = plate_phase_on(carrier, valid & (strips.regions.labels == 0), plate)
+    strips = strips_from_step(_step(carrier, plate), valid, target, camera)
+    share = _agreement(_step(carrier, plate), strips)
+    return share, PictureStrips(carrier, np.where(valid, plate.map(), np.nan), strips)
 
 
 def _step(carrier: LineCarrier, plate: SmoothPhase) -> Array:
