@@ -213,7 +213,7 @@ def _notes(
     notes = ["The calibration in force was not changed; nothing was fitted anew to it."]
     if plate is not None:
         notes.append(
-            f"Today's phase differs from the calibration's by {plate.offset_rad:+.2f} rad everywhere, give or take "
+            f"Today's phase differs from the calibration's by {plate.offset_rad:+z.2f} rad everywhere, give or take "
             "whole fringes: where the mirror was left; taken off."
         )
     missing = {
