@@ -66,6 +66,18 @@ def test_what_is_whole_names_its_command(run, small):
     assert run("procedure", "run", "periodic-audit", "--session", small, "--out", "x").code == 1
 
 
+def test_the_command_names_this_sessions_capture(run, small):
+    file = small / "session.toml"
+    file.write_text(file.read_text().replace('name = "bars"', 'name = "zigzag"'))
+    outcome = run(
+        "procedure", "run", "verification-on-angle-bars", "--session", small, "--calibration", ARCHIVE, "--json"
+    )
+    assert outcome.code == 0
+    words = outcome.document["command"]
+    assert words[words.index("--capture") + 1] == "zigzag"
+    assert words[words.index("--calibration") + 1] == str(ARCHIVE)
+
+
 def test_a_whole_session_is_run_once(run, small, tmp_path):
     out = tmp_path / "grid-check"
     assert run("procedure", "run", "scale-and-distortion", "--session", small, "--out", out).code == 0

@@ -117,6 +117,9 @@ def _arguments(page: Page, check: SessionCheck, calibration: Path | None, out: P
     for option, path in {"--calibration": calibration, "--out": out}.items():
         if path is not None and option in words:
             words[words.index(option) + 1] = str(path)
+    if "--capture" in words and check.session is not None:
+        named = [capture.name for kind in page.needs.values() for capture in check.session.find(kind)]
+        words[words.index("--capture") + 1] = named[0] if named else words[words.index("--capture") + 1]
     return [_placed(word, check) for word in words]
 
 
