@@ -82,7 +82,7 @@ def phase(
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
                 named(one, demand_phase, summary, one.frames, one.steps_rad)
-        counted = counted_orders(group, summaries) if len(group.periods) > 1 and not doctor else None
+        counted = counted_orders(group, summaries) if group.absolute and not doctor else None
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
             if diagnosis is not None:

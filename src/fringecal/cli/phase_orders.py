@@ -10,6 +10,7 @@ from fringecal.cli.console import console
 from fringecal.cli.phase_sets import Group, PhaseSet
 from fringecal.errors import PhaseError
 from fringecal.phase import AbsolutePhase, FringeOrders, PhaseSummary, absolute_phase, decide_orders, summarise
+from fringecal.phase.gray_orders import orders_by_gray
 from fringecal.records.files import replacing
 from fringecal.report.figures_orders import orders_overview
 
@@ -22,9 +23,14 @@ def named[**P, T](one: PhaseSet | Group, function: Callable[P, T], *args: P.args
         raise PhaseError(f"{one.name}: {error}") from error
 
 
+def shortest_set(group: Group) -> int:
+    """Return the number of the set with the shortest fringes."""
+    return int(np.argmin(group.periods)) if group.periods else 0
+
+
 def summarised(group: Group) -> list[PhaseSummary]:
     """Demodulate all sets of a group; wide fringes are taken to have the shape that the shortest show."""
-    shortest = int(np.argmin(group.periods)) if group.periods else 0
+    shortest = shortest_set(group)
     main = _summary(group.sets[shortest])
     return [main if k == shortest else _summary(one, main) for k, one in enumerate(group.sets)]
 
@@ -37,7 +43,10 @@ def _summary(one: PhaseSet, main: PhaseSummary | None = None) -> PhaseSummary:
 def counted_orders(group: Group, summaries: list[PhaseSummary]) -> tuple[FringeOrders, AbsolutePhase]:
     """Decide the orders of a group's shortest fringes, and count them over the picture."""
     maps = [summary.map for summary in summaries]
-    orders = named(group, decide_orders, [m.phase for m in maps], [m.sigma for m in maps], group.periods)
+    if group.gray is not None:
+        orders = named(group, orders_by_gray, maps[shortest_set(group)], group.gray)
+    else:
+        orders = named(group, decide_orders, [m.phase for m in maps], [m.sigma for m in maps], group.periods)
     return orders, named(group, absolute_phase, orders)
 
 

@@ -30,11 +30,17 @@ class PhaseSet:
 
 @dataclass(frozen=True)
 class Group:
-    """Sets of one scene; with several periods, one set for each, in the order of `periods`."""
+    """Sets of one scene; with several periods, one set for each, in the order of `periods`; Gray-code frames."""
 
     name: str
     sets: tuple[PhaseSet, ...]
     periods: tuple[float, ...] = ()
+    gray: np.ndarray | None = None
+
+    @property
+    def absolute(self) -> bool:
+        """Whether orders can be decided."""
+        return len(self.periods) > 1 or self.gray is not None
 
 
 @dataclass(frozen=True)
@@ -81,7 +87,8 @@ def _capture_groups(capture: Capture, plate: Capture | None) -> Iterator[Group]:
     for repeat in range(capture.repeat):
         name = capture.name + (f"-repeat{repeat + 1}" if capture.repeat > 1 else "")
         periods = range(max(1, len(capture.periods)))
-        yield Group(name, tuple(_capture_set(capture, plate, repeat, k) for k in periods), capture.periods)
+        gray = capture.read_gray() if capture.gray_paths else None
+        yield Group(name, tuple(_capture_set(capture, plate, repeat, k) for k in periods), capture.periods, gray)
 
 
 def _capture_set(capture: Capture, plate: Capture | None, repeat: int, period: int) -> PhaseSet:

@@ -128,3 +128,22 @@ def hang_together(absolute, cycle_rad, most_rad):  # type: ignore[no-untyped-def
                         queue[last] = a * width + b
                         last += 1
     return values, labels
+
+
+@njit(parallel=True, cache=True)
+def chosen(known, lower):  # type: ignore[no-untyped-def]
+    """Give open pixels `lower` or one fringe more, whichever more of the known pixels around them continue."""
+    height, width = known.shape
+    result = known.copy()
+    for i in prange(height):
+        for j in range(width):
+            if np.isfinite(known[i, j]) or not np.isfinite(lower[i, j]):
+                continue
+            votes = 0
+            for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
+                for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
+                    off = known[a, b] - lower[i, j]
+                    votes += (abs(off - _TWO_PI) < np.pi) - (abs(off) < np.pi)
+            if abs(votes) > 1:
+                result[i, j] = lower[i, j] + _TWO_PI * (votes > 0)
+    return result

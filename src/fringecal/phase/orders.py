@@ -40,7 +40,7 @@ class FringeOrders:
     cycle
         Fringes after which the periods meet again: orders are known up to multiples of it.
     ratios
-        Shortest period over each longer one.
+        Shortest period over each longer one; empty for a Gray code.
     zeros_rad
         Phase of each longer fringe where the shortest one's is 0, rad.
     error_rate
@@ -67,6 +67,11 @@ class FringeOrders:
 
     def sentence(self) -> str:
         """Say how orders were decided, and how surely."""
+        if not self.ratios:
+            return (
+                f"orders by Gray code of {self.cycle} fringes; beside its edges {self.asked:.2%} of the pixels asked "
+                f"their neighbours; {self.undecided:.2%} stay undecided"
+            )
         return (
             f"orders by {len(self.ratios) + 1} periods, known within {self.cycle} fringes; noise would make "
             f"{self.error_rate:.2g} of them wrong, so {self.asked:.2%} of the pixels asked their neighbours; "
@@ -99,8 +104,12 @@ class PlateOrders:
 
     def number_for(self, orders: FringeOrders) -> int | None:
         """Return the fringes to be added to a capture's orders; None if its periods are others."""
-        if orders.cycle != self.cycle or not np.allclose(orders.ratios, self.ratios, rtol=1e-4):
+        if (orders.cycle, len(orders.ratios)) != (self.cycle, len(self.ratios)):
             return None
+        if not np.allclose(orders.ratios, self.ratios, rtol=1e-4):
+            return None
+        if not self.ratios:
+            return self.number
         # Zeros are found up to whole orders: the same set may be numbered from another fringe.
         turns = np.outer(np.arange(self.cycle), self.ratios)
         turns -= (np.array(orders.zeros_rad) - self.zeros_rad) / _TWO_PI

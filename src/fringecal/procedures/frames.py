@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError, SessionError
 from fringecal.phase.adapted import Adapted, demodulate_adapted
 from fringecal.phase.demodulate import PhaseMap
+from fringecal.phase.gray_orders import orders_by_gray
 from fringecal.phase.orders import FringeOrders, decide_orders
 from fringecal.phase.repeats import mean_of_repeats
 from fringecal.phase.steps import StepEstimate
@@ -102,16 +103,20 @@ def _adapted(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
 
 
 def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:
-    """Decide orders by the capture's further periods, where it has some."""
-    if len(capture.periods) < 2:
-        return None
+    """Decide orders by the capture's Gray code or further periods, where it has them."""
+    try:
+        if capture.gray_paths:
+            return orders_by_gray(main.map, capture.read_gray())
+        return _orders_of_periods(capture, main) if len(capture.periods) > 1 else None
+    except PhaseError as error:
+        raise PhaseError(f"capture {capture.name!r}: {error}") from error
+
+
+def _orders_of_periods(capture: Capture, main: Adapted) -> FringeOrders:
     shortest = shortest_period(capture)
     # Few wide fringes do not show their own shape: it is that of the narrow ones, from the same projector.
     maps = [main.map if k == shortest else _adapted(capture, k, main.wave).map for k in range(len(capture.periods))]
-    try:
-        return decide_orders([m.phase for m in maps], [m.sigma for m in maps], capture.periods)
-    except PhaseError as error:
-        raise PhaseError(f"capture {capture.name!r}: {error}") from error
+    return decide_orders([m.phase for m in maps], [m.sigma for m in maps], capture.periods)
 
 
 def frames_of(capture: Capture, *, period: int | None = None) -> NDArray[np.generic]:

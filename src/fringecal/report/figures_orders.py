@@ -30,7 +30,8 @@ def orders_overview(orders: FringeOrders, absolute: AbsolutePhase, *, title: str
     grid = figure.add_gridspec(2, 2, height_ratios=[5.0 * height / width, 2.4])
     cycle, whole = (figure.add_subplot(grid[0, k]) for k in (0, 1))
     _map(cycle, orders.phase / _TWO_PI, "fringe within the cycle", (-0.5, orders.cycle - 0.5), PHASE_MAP)
-    cycle.set_title(f"orders by {len(orders.ratios) + 1} periods, cycle of {orders.cycle} fringes")
+    by = f"{len(orders.ratios) + 1} periods, cycle" if orders.ratios else "Gray code"
+    cycle.set_title(f"orders by {by} of {orders.cycle} fringes")
     known = absolute.phase[np.isfinite(absolute.phase)] / _TWO_PI
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     _map(whole, absolute.phase / _TWO_PI, "absolute phase / fringes", (low, high), HEIGHT_MAP)
