@@ -28,7 +28,7 @@ import discorpy.proc.processing as proc
 for case in json.load(open(sys.argv[1])):
     lines = [[np.array(line)[:, ::-1] for line in family] for family in case["lines"]]
     found = {"coarse": proc.find_cod_coarse(*lines), "vanishing points": proc.find_cod_bailey(*lines)}
-    for reach in (5.0, 20.0, case["pitch_px"]):
+    for reach in (5.0, 20.0):
         found[f"fine within {reach:.0f} px"] = proc.find_cod_fine(*lines, *found["coarse"], reach)
     print(json.dumps({name: [float(x) for x in centre[:2]] for name, centre in found.items()}), flush=True)
 """
@@ -98,15 +98,14 @@ def fringecal_centres(detection: GridDetection) -> dict[str, tuple[float, float]
     return found
 
 
-def discorpy_centres(python: str, grids: list[GridDetection], pitch_px: float) -> list[dict[str, tuple[float, float]]]:
+def discorpy_centres(python: str, grids: list[GridDetection]) -> list[dict[str, tuple[float, float]]]:
     """Centres by discorpy's estimators on the same points."""
     cases = [
         {
             "lines": [
                 [np.stack([line.u_px, line.v_px], axis=1).tolist() for line in each.family(family)]
                 for family in FAMILIES
-            ],
-            "pitch_px": pitch_px,
+            ]
         }
         for each in grids
     ]
@@ -127,8 +126,8 @@ def main() -> None:
         grids = [grid(case, rng) for _ in range(options.repeats)]
         found = [fringecal_centres(each) for each in grids]
         if options.discorpy:
-            few = grids[: min(3, options.repeats)]
-            theirs = discorpy_centres(options.discorpy, few, case.pitch_px)
+            few = grids[:2]
+            theirs = discorpy_centres(options.discorpy, few)
             found = [ours | their for ours, their in zip(found, theirs, strict=False)] + found[len(few) :]
         print(f"{case.name}: truth {case.centre_px[0]:.1f}, {case.centre_px[1]:.1f}; error u, v / px (mean, sd)")
         for name in found[0]:

@@ -8,8 +8,9 @@ from fringecal.camera import mrcal_wall
 from fringecal.camera.lens import Lens
 from fringecal.camera.plate import PlateCamera
 from fringecal.camera.plate_fit import fit_plate_camera
+from fringecal.camera.rich_lens import RATIONAL, RichLens
 from fringecal.errors import FitError, RecordError
-from fringecal.records.cameramodel import cameramodel_text, parse_lens, read_lens, write_lens
+from fringecal.records.cameramodel import cameramodel_text, parse_lens, read_lens, rich_lens_text, write_lens
 
 VALUES = np.array([800.0, 801.0, 321.0, 238.0, -0.1, 0.02, 0.001, -0.002, 0.01])
 SIGMAS = np.array([1.5, 1.5, 0.8, 0.8, 2e-3, 4e-3, 1e-4, 1e-4, 1e-3])
@@ -71,9 +72,9 @@ def test_camera_on_the_plate_is_a_lens_too():
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 1, 2, 2]}", "imagersize"),
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [-1, 1, 2, 2], 'imagersize': [4, 3]}", "not positive"),
         (
-            "{'lensmodel': 'LENSMODEL_OPENCV8', 'imagersize': [4, 3], "
-            "'intrinsics': [9, 9, 2, 2, 0, 0, 0, 0, 0, 1, 0, 0]}",
-            "rational",
+            "{'lensmodel': 'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=9_Ny=9_fov_x_deg=60', 'imagersize': [640, 480], "
+            "'intrinsics': [800, 800, 320, 240, 0]}",
+            "cannot be used",
         ),
         ("camera_matrix: !!opencv-matrix\n rows: 2", "camera_matrix"),
     ],
@@ -81,6 +82,40 @@ def test_camera_on_the_plate_is_a_lens_too():
 def test_nonsense_is_refused(text, reason):
     with pytest.raises(RecordError, match=reason):
         parse_lens(text)
+
+
+def test_a_rational_lens_is_followed_by_browns_or_refused(tmp_path):
+    mild = np.array([0.3, 0.1, 1e-3, -5e-4, 0.01, 0.35, 0.1, 0.0])
+    rich = RichLens(RATIONAL, np.concatenate([VALUES[:4], mild]), np.zeros((12, 12)), 640, 480)
+    found = parse_lens(rich_lens_text(rich))
+    assert not found.covariance_known
+    rays = np.random.default_rng(0).uniform((-0.35, -0.25, 1), (0.35, 0.25, 1), (50, 3))
+    core = np.array([[800.0, 0, 321], [0, 801, 238], [0, 0, 1]])
+    theirs = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), core, mild)[0].reshape(-1, 2)
+    # Up to a turn of the camera, which is free and small here.
+    assert np.hypot(*(found.project(rays) - theirs).T).max() < 0.3
+    wild = np.array([8.0, 40.0, 1e-3, -5e-4, 90.0, 8.3, 42.0, 150.0])
+    text = rich_lens_text(RichLens(RATIONAL, np.concatenate([VALUES[:4] * 0.4, wild]), np.zeros((12, 12)), 640, 480))
+    with pytest.raises(RecordError, match="px rms only"):
+        parse_lens(text)
+
+
+@pytest.mark.skipif(not mrcal_wall.available(), reason="mrcal is not installed")
+def test_a_splined_model_is_written_as_mrcal_reads_it_and_read_as_browns(tmp_path):
+    import mrcal
+
+    name = "LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=10_Ny=8_fov_x_deg=60"
+    rich = RichLens(name, np.concatenate([VALUES[:4], np.zeros(160)]), np.zeros((164, 164)), 640, 480)
+    path = tmp_path / "splined.cameramodel"
+    path.write_text(rich_lens_text(rich), encoding="utf-8")
+    model, values = mrcal.cameramodel(str(path)).intrinsics()
+    assert model == name
+    np.testing.assert_allclose(values, rich.values)
+    # Without spline terms the lens is stereographic: 2 tan(t / 2) in focal lengths, which Brown's k1.. describe.
+    angle = np.radians([0.0, 5.0, 10.0, 20.0])
+    rays = np.column_stack([np.sin(angle), np.zeros(4), np.cos(angle)])
+    seen = read_lens(path).project(rays)[:, 0]
+    np.testing.assert_allclose(seen, 321 + 800 * 2 * np.tan(angle / 2), atol=0.3)
 
 
 def test_a_missing_file_is_named(tmp_path):

@@ -105,6 +105,16 @@ def project(model: str, values: Array, rays: Array) -> Array:
     return np.asarray(_mrcal().project(np.ascontiguousarray(rays), model, np.ascontiguousarray(values)), dtype=float)
 
 
+def unproject(model: str, values: Array, pixels: Array) -> Array:
+    """Directions (n, 3) seen at pixels (n, 2) by one of mrcal's lens models."""
+    mrcal = _mrcal()
+    try:
+        seen = mrcal.unproject(np.ascontiguousarray(pixels), model, np.ascontiguousarray(values), normalize=True)
+    except Exception as error:  # mrcal raises the base class for names it does not know
+        raise FitError(f"mrcal refuses the lens ({error}); export the camera anew") from error
+    return np.asarray(seen, dtype=float)
+
+
 def _mrcal() -> Any:
     """Import mrcal when it is first needed: it is optional."""
     try:

@@ -27,6 +27,8 @@ MIN_SPLINED_COVERAGE = 0.6
 _KNOTS = 10  # across the picture
 _SPLINE_MARGIN = 1.15  # of the field: a cubic needs a knot beyond the outermost point
 _CELLS = (6, 8)
+_SAMPLES = 20  # along either side of the picture
+_EXACT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-14)
 _BROWN_STEP = 1e-6
 
 
@@ -43,6 +45,14 @@ class RichLens:
     def project(self, rays: Array) -> Array:
         """Pixels (n, 2) of directions (n, 3) in the camera's frame: x right, y down, z forward."""
         return _projected(self.model, self.values, rays)
+
+    def unproject(self, pixels: Array) -> Array:
+        """Directions (n, 3) seen at pixels (n, 2)."""
+        if self.model != RATIONAL:
+            return mrcal_wall.unproject(self.model, self.values, pixels)
+        matrix, terms = camera_matrix(self.values), self.values[4:]
+        flat = cv2.undistortPoints(pixels, matrix, terms, criteria=_EXACT).reshape(-1, 2)
+        return np.column_stack([flat, np.ones(len(pixels))])
 
     def gradient(self, rays: Array) -> Array:
         """Derivatives (n, 2, size) of the pixels by those values that are not exact, zero for the others."""
@@ -112,6 +122,13 @@ def brown_of(rich: RichLens, rays: Array, *, start: Array, radial_terms: int = 3
     values = np.pad(solved.x[:free], (0, len(LENS_NAMES) - free))
     lens = Lens(values, covariance, rich.width_px, rich.height_px)
     return BrownOf(lens, np.hypot(*solved.fun.reshape(-1, 2).T))
+
+
+def brown_over_picture(rich: RichLens) -> BrownOf:
+    """Brown's lens that follows another one best over the whole picture, as a file states it."""
+    u, v = np.meshgrid(np.linspace(0, rich.width_px - 1, _SAMPLES), np.linspace(0, rich.height_px - 1, _SAMPLES))
+    rays = rich.unproject(np.column_stack([u.ravel(), v.ravel()]))
+    return brown_of(rich, rays[np.isfinite(rays).all(axis=1)], start=np.pad(rich.values[:4], (0, 5)))
 
 
 def rich_start(model: RichModel, brown: Lens) -> tuple[str, Array]:

@@ -126,14 +126,16 @@ def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["Le
 
 def _save(document: "LensDocument", report: "Report", found: "LensFindings", out: Path) -> None:
     """Write record, lens files and report, all together or not at all."""
-    from fringecal.records.cameramodel import write_lens
+    from fringecal.records.cameramodel import rich_lens_text, write_lens
     from fringecal.records.documents import write_document
-    from fringecal.records.files import result_folder
+    from fringecal.records.files import result_folder, write_text
     from fringecal.records.lens import LENS_FILE
 
     with result_folder(out, last=LENS_FILE) as staging:
         for name in ("lens.cameramodel", "lens.yml"):
             write_lens(staging / name, found.fit.lens)
+        if found.fit.rich is not None:
+            write_text(staging / "lens-rich.cameramodel", rich_lens_text(found.fit.rich))
         write_report(report, staging)
         write_document(document, staging / LENS_FILE)
 

@@ -2,6 +2,7 @@
 
 import ast
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from fringecal.camera.lens import LENS_NAMES, Lens
 from fringecal.camera.plate import PlateCamera
-from fringecal.errors import RecordError
+from fringecal.camera.rich_lens import RATIONAL, RichLens, brown_over_picture
+from fringecal.errors import FitError, RecordError
 from fringecal.records.files import write_text
 
 Array = NDArray[np.float64]
@@ -21,6 +23,9 @@ CAMERAMODEL_FILE = "camera.cameramodel"
 _MODELS = {"LENSMODEL_PINHOLE": 0, "LENSMODEL_OPENCV4": 4, "LENSMODEL_OPENCV5": 5, "LENSMODEL_OPENCV8": 8}
 _OURS = "lens_covariance"  # an entry of our own, which mrcal skips
 _SIZE = len(LENS_NAMES)
+_SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_"
+#: What Brown's lens may leave of a richer one that a file states, rms over the picture.
+MAX_LEFT_PX = 0.1
 _ON_PLATE = "Reference frame: the plate, mm, z toward the camera."
 
 
@@ -80,6 +85,15 @@ def write_lens(path: str | Path, lens: Lens) -> Path:
     return write_text(path, opencv_text(lens) if yaml else lens_text(lens))
 
 
+def rich_lens_text(rich: RichLens) -> str:
+    """Return a lens of mrcal's further models, which Brown's follows in the rig, as the text of a `.cameramodel`.
+
+    Its covariance stays with Brown's lens: mrcal's files have no place for it.
+    """
+    size = rich.width_px, rich.height_px
+    return _text(rich.values, size, np.zeros(6), None, "A lens without pose.", model=rich.model)
+
+
 def read_lens(path: str | Path) -> Lens:
     """Read the lens of a `.cameramodel` or of OpenCV's YAML; its pose, if any, is left aside.
 
@@ -113,7 +127,8 @@ def parse_lens(text: str) -> Lens:
 
 def _from_entries(entries: dict[str, Any]) -> Lens:
     model = str(entries.get("lensmodel", entries.get("lens_model", "none")))
-    if model not in _MODELS:
+    splined = model.startswith(_SPLINED)
+    if model not in _MODELS and not splined:
         raise RecordError(
             f"the lens model {model} cannot be used: rays here are straight with Brown's distortion; convert it with "
             "mrcal-convert-lensmodel to LENSMODEL_OPENCV5"
@@ -125,6 +140,8 @@ def _from_entries(entries: dict[str, Any]) -> Lens:
         raise RecordError(
             "intrinsics or imagersize is missing or no list of numbers; export the camera anew"
         ) from error
+    if splined:
+        return _followed(RichLens(model, values, np.zeros((values.size,) * 2), width, height))
     if values.shape != (4 + _MODELS[model],):
         raise RecordError(f"{model} has {4 + _MODELS[model]} intrinsics, found {values.size}; export the camera anew")
     return _lens(values[:4], values[4:], (width, height), entries.get(_OURS))
@@ -159,10 +176,13 @@ def _matrix(text: str, name: str) -> Array | None:
 def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any) -> Lens:
     """Build the lens and refuse what cannot be one."""
     if np.any(distortion[5:]):
-        raise RecordError(
-            "its distortion has rational or further terms, which the rig's camera cannot take over; calibrate with "
-            "k1, k2, p1, p2, k3 alone"
-        )
+        if len(distortion) != _MODELS[RATIONAL]:
+            raise RecordError(
+                f"its {len(distortion)} distortion terms are not Brown's five or the rational model's eight; calibrate "
+                "with k1, k2, p1, p2, k3 alone"
+            )
+        values = np.concatenate([core, distortion])
+        return _followed(RichLens(RATIONAL, values, np.zeros((values.size,) * 2), *size))
     values = np.concatenate([core, distortion[:5], np.zeros(max(0, 5 - len(distortion)))])
     if not (np.isfinite(values).all() and min(values[:2]) > 0 and min(size) > 0):
         raise RecordError("a focal length or size is not positive, or a number is not finite; export the camera anew")
@@ -174,6 +194,23 @@ def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any
     return Lens(values, table, *size)
 
 
+def _followed(rich: RichLens) -> Lens:
+    """Brown's lens in place of a richer one, if it follows that over the whole picture."""
+    try:
+        if not (np.isfinite(rich.values).all() and min(rich.values[:2]) > 0):
+            raise ValueError("a focal length is not positive, or a number is not finite")
+        found = brown_over_picture(rich)
+        left = float(np.sqrt(np.mean(found.left_px**2)))
+    except (FitError, ValueError, RuntimeError) as error:
+        raise RecordError(f"its {rich.model.removeprefix('LENSMODEL_')} lens cannot be used: {error}") from error
+    if not left < MAX_LEFT_PX:
+        raise RecordError(
+            f"Brown's lens, which the rig's camera has, follows its {rich.model.removeprefix('LENSMODEL_')} lens to "
+            f"{left:.2g} px rms only, {MAX_LEFT_PX} are allowed; calibrate with k1, k2, p1, p2, k3 alone"
+        )
+    return replace(found.lens, covariance_known=False)
+
+
 def _lens_values(camera: PlateCamera) -> Array:
     """Lens parameters of a camera on the plate in the order of `LENS_NAMES`."""
     (u0, v0), focal = camera.centre_px, camera.focal_px
@@ -181,13 +218,21 @@ def _lens_values(camera: PlateCamera) -> Array:
     return np.array([focal, focal / camera["aspect"], u0 + camera["cu_px"], v0 + camera["cv_px"], *distortion])
 
 
-def _text(values: Array, size: tuple[int, int], pose: Array, covariance: Array | None, what: str) -> str:
+def _text(
+    values: Array,
+    size: tuple[int, int],
+    pose: Array,
+    covariance: Array | None,
+    what: str,
+    *,
+    model: str = "LENSMODEL_OPENCV5",
+) -> str:
     rows = "" if covariance is None else "".join(f"                    [ {_numbers(row)} ],\n" for row in covariance)
     ours = f"    '{_OURS}': [\n{rows}    ],\n" if rows else ""
     return (
         f"# Written by fringecal. {what}\n"
         "{\n"
-        "    'lensmodel':  'LENSMODEL_OPENCV5',\n"
+        f"    'lensmodel':  '{model}',\n"
         f"    'intrinsics': [ {_numbers(values)} ],\n"
         f"    'extrinsics': [ {_numbers(pose)} ],\n"
         f"{ours}"
