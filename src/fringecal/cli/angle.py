@@ -80,7 +80,7 @@ def _estimator(name: str, session: Any) -> "Estimator":
 
 def _table(found: "AngleFindings") -> Table:
     title = f"Projection angle from the plate's normal, {found.estimator} estimator; U covers 95 %"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1))
+    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     for heading in ("at/mm", "breaks", "shift/px", "angle/deg", "U/deg", "apparent", "theory", "En"):
         table.add_column(heading, justify="right", no_wrap=True)
     table.add_row("origin", "", "", *_angles(found.angle, found.apparent.value, found.theory, None))
@@ -88,7 +88,7 @@ def _table(found: "AngleFindings") -> Table:
         table.add_row(
             f"{'x' if row.axis == 'u' else 'y'} = {row.x_mm:z.1f}",
             str(row.breaks),
-            f"{row.shift_px:z.3f}",
+            f"{row.shift_px:z.2f}",
             *_angles(row.angle, row.apparent_deg, row.theory, row.en),
         )
     return table
