@@ -72,9 +72,10 @@ class FringeOrders:
                 f"orders by Gray code of {self.cycle} fringes; beside its edges {self.asked:.2%} of the pixels asked "
                 f"their neighbours; {self.undecided:.2%} stay undecided"
             )
+        share = "less than 1e-9" if self.error_rate < 1e-9 else f"{self.error_rate:.2g}"
         return (
             f"orders by {len(self.ratios) + 1} periods, known within {self.cycle} fringes; noise would make "
-            f"{self.error_rate:.2g} of them wrong, so {self.asked:.2%} of the pixels asked their neighbours; "
+            f"{share} of them wrong, so {self.asked:.2%} of the pixels asked their neighbours; "
             f"{self.undecided:.2%} stay undecided"
         )
 
