@@ -231,4 +231,4 @@ def _other_pattern(grey: npt.NDArray[np.float32], nodes: FloatArray, sign: int) 
         return "stripes or fringes, lines of one direction only"
     if all(CHESSBOARD_PARTS[0] < part < CHESSBOARD_PARTS[1] for part in parts):
         return "a chessboard; several poses of it give the lens (capture kind board, fringecal lens)"
-    return "a pattern of dots; several poses of it give the lens (capture kind board, fringecal lens)"
+    return "spots (dots, bricks, texture) but no lines that run through; for dots ask for --pattern dots"
