@@ -76,7 +76,9 @@ def _along_lines(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tuple[
         if best[1] > MIN_PRESENT:
             break
         turned = replace(candidate, lattice=other())
-        best = max(best, (turned, *_line_evidence(grey, turned)), key=lambda each: each[1])
+        # By cells too: of a grid counted twice as finely hardly any are whole.
+        other_way = turned, *_line_evidence(grey, turned)
+        best = max(best, other_way, key=lambda each: each[1] * each[0].lattice.whole_cells())
     return best
 
 
