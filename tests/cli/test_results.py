@@ -49,7 +49,10 @@ def test_commission_writes_what_it_promises(calibration, truth):
     assert document["projection"]["angle"]["value"] == pytest.approx(truth["angle_origin_deg"], abs=0.05)
     assert document["distortion"]["verdict"] == truth["verdict"]
     assert [step["used"] for step in document["steps"]] == ["estimated", "estimated"]
-    assert len(document["inputs"]) == 10  # every picture of the session, with its hash
+    files = [row["file"] for row in document["inputs"]]  # every picture with its hash, session.toml and its targets
+    assert len(files) == len(set(files)) == 14
+    assert sum(name.endswith(".png") for name in files) == 10
+    assert [row["file"] for row in document["inputs"] if not row["capture"]][0] == "session.toml"
     demand_no_leftovers(calibration)
 
 
