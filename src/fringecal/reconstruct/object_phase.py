@@ -119,10 +119,11 @@ def _rising(calibration: RigCalibration) -> int:
 def _range_turns(
     calibration: RigCalibration, height_range_mm: tuple[float, float] | None, cycle: int
 ) -> tuple[float, float]:
-    """Return in how many cycles over the plate the stated heights lie; no more than one where none are stated."""
+    """Return in how many cycles over the plate the stated heights lie; an end that is not stated is the plate's."""
     if height_range_mm is None:
         return 0.0, 0.0
-    low, high = _rising(calibration) * _steps_at_centre(calibration, height_range_mm) / (2 * np.pi * cycle)
+    stated = tuple(height if np.isfinite(height) else 0.0 for height in height_range_mm)
+    low, high = _rising(calibration) * _steps_at_centre(calibration, stated) / (2 * np.pi * cycle)
     return float(low), float(high)
 
 
