@@ -99,7 +99,7 @@ def verdict_of(errors: ZigzagErrors) -> Verdict:
     agrees = abs(worst.en or 0.0) <= _EN_LIMIT
     head = (
         f"Measured heights {'agree' if agrees else 'do not agree'} with the certificate within both "
-        f"uncertainties: mean error {errors.pooled.mean_percent:+z.2f} % of the full height, largest |En| "
+        f"uncertainties: mean error {errors.pooled.mean_percent:+z.3f} % of the full height, largest |En| "
         f"{abs(worst.en or 0.0):.2f} ({_place(worst, errors)})."
     )
     return Verdict("pass" if agrees else "fail", f"{head} {errors.sentence}")

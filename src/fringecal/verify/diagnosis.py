@@ -22,6 +22,7 @@ class ErrorTerm:
     rms_mm: float
 
 
+_UNSIGNED = ("noise", "outliers")  # scatter and shares have no direction
 _WORDS = {
     "offset": "the same height error everywhere (seat of the bars, or the reference plane)",
     "scale": "heights scaled by one factor (projection angle, or the strips' height)",
@@ -92,8 +93,9 @@ def error_sentence(terms: tuple[ErrorTerm, ...], full_height_mm: float) -> str:
     first = terms[0]
     total = math.sqrt(sum(term.rms_mm**2 for term in terms))
     share = 100 * first.rms_mm**2 / total**2 if total > 0 else 0.0
+    size = f"{first.size:.3g}" if first.name in _UNSIGNED else f"{first.size:+.3g}"
     return (
-        f"Dominant error: {_WORDS[first.name]}, {first.size:+.3g} {first.unit}; rms {first.rms_mm:.3f} mm "
+        f"Dominant error: {_WORDS[first.name]}, {size} {first.unit}; rms {first.rms_mm:.3f} mm "
         f"({100 * first.rms_mm / full_height_mm:.2f} % of full height), "
         f"{share:.0f} % of the sum of squares of all terms."
     )
