@@ -11,6 +11,12 @@ import pytest
 
 from fringecal.cli.app import main
 
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+
+
+def pytest_addoption(parser):
+    parser.addoption("--screenshots", metavar="DIR", help="Folder for the pictures that the documentation shows.")
+
 
 @dataclass(frozen=True)
 class Outcome:
@@ -74,3 +80,42 @@ def session(data, tmp_path) -> Path:
     return Path(
         shutil.copytree(data / "oblique", tmp_path / "session", ignore=shutil.ignore_patterns("truth*", "README.md"))
     )
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """A headless Chromium."""
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    program = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if program is None:
+        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)}")
+    with sync_api.sync_playwright() as play:
+        # Root may not have Chromium's sandbox; the pages are our own files.
+        opened = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def listening(browser):
+    """An empty page, and what it will say on its console or ask of the network."""
+    page = browser.new_page()
+    said: list[str] = []
+    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: said.append(f"error: {error}"))
+    page.on("request", lambda asked: said.append(asked.url) if asked.url.startswith(("http", "ws")) else None)
+    yield page, said
+    page.close()
+
+
+@pytest.fixture
+def photograph(request):
+    """Take a picture of a page for the documentation, where `--screenshots DIR` asks for it."""
+
+    def take(page, name, **options):
+        folder = request.config.getoption("--screenshots", default=None)
+        if folder:
+            Path(folder).mkdir(parents=True, exist_ok=True)
+            page.screenshot(path=Path(folder) / f"{name}.png", **options)
+
+    return take

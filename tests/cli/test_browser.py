@@ -1,8 +1,6 @@
 """Reports in a real browser: nothing on the console, no overflow, every picture drawn, readable for everybody."""
 
 import contextlib
-import os
-import shutil
 from pathlib import Path
 
 import pytest
@@ -14,26 +12,10 @@ from fringecal.report.dashboard import rigs_page
 
 ROOT = Path(__file__).parents[2]
 ARCHIVE = max((ROOT / "tests" / "records" / "archive").glob("[0-9]*"))
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 WIDTHS_PX = (400, 1400)
 PAGES = ("commission", "certificate", "history", "dashboard")
-# Set to a folder to keep what the browser saw.
-SCREENSHOTS = os.environ.get("FRINGECAL_SCREENSHOTS", "")
 
-sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
-
-
-@pytest.fixture(scope="module")
-def browser():
-    program = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if program is None:
-        pytest.skip(f"no browser on this machine: none of {', '.join(BROWSERS)}")
-    with sync_api.sync_playwright() as play:
-        # Root may not have Chromium's sandbox; the pages are our own files.
-        opened = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        yield opened
-        opened.close()
 
 
 @pytest.fixture(scope="module")
@@ -69,40 +51,64 @@ def entry(number: int) -> Entry:
 
 
 @pytest.fixture(params=PAGES)
-def shown(request, browser, reports):
+def shown(request, listening, reports):
     """A page as the browser has opened it, with everything that it said and asked for."""
-    page = browser.new_page()
-    said: list[str] = []
-    page.on("console", lambda message: said.append(f"{message.type}: {message.text}"))
-    page.on("pageerror", lambda error: said.append(f"error: {error}"))
-    page.on("request", lambda asked: said.append(asked.url) if asked.url.startswith(("http", "ws")) else None)
+    page, said = listening
     page.goto(reports[request.param].as_uri())
-    yield request.param, page, said
-    page.close()
+    return request.param, page, said
 
 
-def test_pages_are_silent_and_whole(shown):
+def test_pages_are_silent_and_whole(shown, photograph):
     name, page, said = shown
     for width in WIDTHS_PX:
         page.set_viewport_size({"width": width, "height": 900})
         page.wait_for_timeout(50)
         # What is wider than the page scrolls in a box of its own.
         assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{name} overflows at {width} px"
-        if SCREENSHOTS:
-            Path(SCREENSHOTS).mkdir(parents=True, exist_ok=True)
-            page.screenshot(path=f"{SCREENSHOTS}/{name}-{width}.png", full_page=True)
+        photograph(page, f"{name}-{width}")
     drawn = page.evaluate("[...document.images].map(i => i.complete && i.naturalWidth > 50 && i.naturalHeight > 50)")
     assert all(drawn)
     assert len(drawn) >= (0 if name in ("certificate", "dashboard") else 1)
     assert said == [], "said on the console, or asked of the network"
 
 
+def readable_for_everybody(page, where):
+    found = axe.Axe().run(page)
+    assert found.violations_count == 0, f"{where}:\n{found.generate_report()}"
+
+
 def test_pages_are_readable_for_everybody(shown):
     name, page, _ = shown
     for width in WIDTHS_PX:
         page.set_viewport_size({"width": width, "height": 900})
-        found = axe.Axe().run(page)
-        assert found.violations_count == 0, f"{name} at {width} px:\n{found.generate_report()}"
+        readable_for_everybody(page, f"{name} at {width} px")
+
+
+@pytest.mark.parametrize("width", WIDTHS_PX)
+def test_figures_are_enlarged_without_a_mouse(width, listening, reports):
+    page, said = listening
+    page.set_viewport_size({"width": width, "height": 900})
+    page.goto(reports["commission"].as_uri())
+    assert page.locator("figure").count() == page.locator("figure button").count() > 10
+    figure = page.locator("figure").last
+    button, picture = figure.locator("button"), figure.locator("img")
+    button.focus()
+    before = page.evaluate("[scrollY, document.documentElement.scrollHeight]")
+    page.keyboard.press("Enter")
+    box = figure.bounding_box()
+    assert (box["x"], box["y"], box["width"], box["height"]) == (0, 0, width, 900)  # the whole window
+    whole = picture.bounding_box()
+    assert whole["x"] + whole["width"] <= width
+    assert whole["y"] + whole["height"] <= 900
+    readable_for_everybody(page, f"enlarged at {width} px")
+    page.keyboard.press("Shift+Tab")  # from the button to the sizes
+    page.keyboard.press("ArrowRight")
+    assert picture.bounding_box()["width"] == pytest.approx(2 * whole["width"], abs=1)
+    assert figure.locator(".box").evaluate("box => box.scrollWidth > box.clientWidth")
+    page.keyboard.press("Escape")
+    assert figure.evaluate("figure => !figure.matches(':popover-open')")
+    assert page.evaluate("[scrollY, document.documentElement.scrollHeight]") == before
+    assert said == []
 
 
 def test_every_table_can_be_taken_along(shown):

@@ -9,6 +9,8 @@ from jsonschema import Draft202012Validator
 from fringecal.records.schemas import published_schema
 from fringecal.session.report import published_schema as check_schema
 
+from ..report.reading import letters_of_sheets, texts_of_page
+
 VALUE_KEYS = {"value", "u", "dof", "unit"}
 # The design's promise: tools rely on these keys of a profile.
 PROFILE_KEYS = [
@@ -54,6 +56,15 @@ def test_commission_writes_what_it_promises(calibration, truth):
     assert sum(name.endswith(".png") for name in files) == 10
     assert [row["file"] for row in document["inputs"] if not row["capture"]][0] == "session.toml"
     demand_no_leftovers(calibration)
+
+
+def test_the_sheets_say_all_that_the_page_says(calibration):
+    page = texts_of_page((calibration / "report.html").read_text(encoding="utf-8"))
+    printed = letters_of_sheets(calibration / "report.pdf")
+    assert "Commissioningofoblique" in page
+    assert "Whatwaschecked" in page
+    assert len(page) > 1000  # headings, sentences, cells and captions of a commissioning
+    assert [text for text in page if text not in printed] == []
 
 
 def test_the_report_is_one_file_and_whole(calibration):

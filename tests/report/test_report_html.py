@@ -16,7 +16,7 @@ from fringecal.report.style import new_figure
 class Outline(HTMLParser):
     """What a page holds: elements with attributes, and whether every tag was closed in order."""
 
-    VOID = frozenset({"meta", "link", "img"})
+    VOID = frozenset({"meta", "link", "img", "input"})
 
     def __init__(self, page):
         super().__init__()
@@ -102,6 +102,17 @@ def test_a_reader_without_eyes_gets_the_same():
         assert table["aria-labelledby"] in ids
     scrolling = [box for box in outline.all("div") if box.get("class") == "box"]
     assert all(box["tabindex"] == "0" for box in scrolling)
+
+
+def test_every_figure_can_be_enlarged_by_a_button_that_names_it():
+    outline = Outline(render_html(example()))
+    figures = outline.all("figure")
+    assert len({figure["id"] for figure in figures}) == len(outline.all("img")) == 3
+    assert all("popover" in figure for figure in figures)
+    assert [button["popovertarget"] for button in outline.all("button")] == [figure["id"] for figure in figures]
+    assert outline.text().count("Enlarge Close A line") == 3
+    groups = [choice["name"] for choice in outline.all("input") if "checked" in choice]
+    assert len(set(groups)) == len(groups) == 3
 
 
 def test_numbers_are_printed_short_and_downloaded_whole():
