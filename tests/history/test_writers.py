@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -80,35 +81,46 @@ def postgresql_binaries() -> Path | None:
     return next((place for place in reversed(places) if (place / "postgres").exists()), None)
 
 
-def run_quietly(command, **options):
-    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S, check=False, **options)
-    if done.returncode:
-        pytest.skip(f"PostgreSQL does not start here: {' '.join((done.stderr or done.stdout).split())[-200:]}")
+def unprivileged() -> dict[str, int]:
+    """Whom the server runs as, in the words of `subprocess`: it refuses to run as a superuser."""
+    if os.geteuid() != 0:
+        return {}
+    import pwd  # Unix alone has it
+
+    users = {user.pw_name: user for user in pwd.getpwall()}
+    chosen = next(users[name] for name in ("postgres", "nobody") if name in users)
+    return {"user": chosen.pw_uid, "group": chosen.pw_gid}
+
+
+def free_port() -> int:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
 
 
 @pytest.fixture(scope="module")
-def postgresql(tmp_path_factory):
-    """A server of our own on a free loopback port, as a user that PostgreSQL accepts."""
-    pytest.importorskip("pg8000", reason="no driver for PostgreSQL is installed")
+def postgresql():
+    """A server of our own on a free loopback port, as a user that PostgreSQL accepts.
+
+    Its folder is not pytest's: that one only its owner may enter, and a socket's path must stay below 108 characters.
+    """
+    pytest.importorskip("pg8000", reason="no driver for PostgreSQL: install the extra `postgresql`")
     binaries = postgresql_binaries()
     if binaries is None:
-        pytest.skip("no PostgreSQL server on this machine")
-    folder = tmp_path_factory.mktemp("postgresql")
-    # The server refuses to run as root; Debian's package brings a user for it.
-    user = {"user": "postgres", "group": "postgres"} if os.geteuid() == 0 else {}
-    if user:
-        shutil.chown(folder, **user)
-        for parent in folder.parents[:2]:
-            parent.chmod(0o755)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    data, options = folder / "data", f"-p {port} -c listen_addresses=127.0.0.1 -k {folder} -c fsync=off"
-    run_quietly([binaries / "initdb", "-D", data, "-A", "trust", "-U", "lab", "-E", "UTF8"], cwd=folder, **user)
-    start = [binaries / "pg_ctl", "-D", data, "-w", "-l", folder / "log", "-o", options]
-    run_quietly([*start, "start"], cwd=folder, **user)
-    yield f"postgresql://lab@127.0.0.1:{port}/postgres"
-    subprocess.run([*start, "-m", "immediate", "stop"], capture_output=True, cwd=folder, check=True, **user)
+        pytest.skip("no PostgreSQL server here: install one (Debian: apt-get install postgresql)")
+    user, port = unprivileged(), free_port()
+    with tempfile.TemporaryDirectory(prefix="fringecal-", dir="/tmp") as place:
+        folder = Path(place)
+        if user:
+            shutil.chown(folder, **user)
+        start = [binaries / "pg_ctl", "-D", folder / "data", "-w", "-l", folder / "log"]
+        options = f"-p {port} -c listen_addresses=127.0.0.1 -k {folder} -c fsync=off"
+        make = [binaries / "initdb", "-D", folder / "data", "-A", "trust", "-U", "lab", "-E", "UTF8", "--no-locale"]
+        for command in (make, [*start, "-o", options, "start"]):
+            subprocess.run(command, stdout=subprocess.DEVNULL, timeout=PATIENCE_S, cwd=folder, check=True, **user)
+        yield f"postgresql://lab@127.0.0.1:{port}/postgres"
+        stop = [*start, "-m", "immediate", "stop"]
+        subprocess.run(stop, stdout=subprocess.DEVNULL, timeout=PATIENCE_S, cwd=folder, check=True, **user)
 
 
 def test_eight_writers_on_postgresql(context, postgresql):

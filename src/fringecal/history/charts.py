@@ -110,8 +110,7 @@ def individuals_chart(values: ArrayLike, baseline: Baseline, *, width: float = S
         Half width of the limits in units of sigma.
     """
     x = _checked(values)
-    lower, upper = (np.full(len(x), baseline.centre + side * width * baseline.sigma) for side in (-1, 1))
-    return Chart("individuals", x, baseline.centre, upper, lower, _indices((x < lower) | (x > upper)))
+    return _banded("individuals", x, baseline.centre, np.full(len(x), width * baseline.sigma))
 
 
 def moving_range_chart(values: ArrayLike, baseline: Baseline) -> Chart:
@@ -155,11 +154,9 @@ def ewma_chart(
     z, last = np.empty(len(x)), baseline.centre
     for i, value in enumerate(x):
         z[i] = last = weight * value + (1 - weight) * last
-    growth = 1 - (1 - weight) ** (2 * np.arange(1, len(x) + 1))
-    half = width * baseline.sigma * np.sqrt(weight / (2 - weight) * (1.0 if settled else growth))
-    lower, upper = baseline.centre - half, baseline.centre + half * np.ones(len(x))
-    lower = lower * np.ones(len(x))
-    return Chart("EWMA", z, baseline.centre, upper, lower, _indices((z < lower) | (z > upper)))
+    growth = np.ones(len(x)) if settled else 1 - (1 - weight) ** (2 * np.arange(1, len(x) + 1))
+    half = width * baseline.sigma * np.sqrt(weight / (2 - weight) * growth)
+    return _banded("EWMA", z, baseline.centre, half)
 
 
 def cusum_chart(
@@ -187,6 +184,12 @@ def cusum_chart(
         low[i] = down = max(0.0, down - deviation - slack * baseline.sigma)
     upper = np.full(len(x), limit * baseline.sigma)
     return Chart("CUSUM", high, 0.0, upper, -upper, _indices((high > upper) | (low > upper)), -low)
+
+
+def _banded(kind: Literal["individuals", "EWMA"], statistic: Floats, centre: float, half: Floats) -> Chart:
+    """Chart a statistic within a band of half width `half`, (n,), about its centre."""
+    beyond = np.abs(statistic - centre) > half
+    return Chart(kind, statistic, centre, centre + half, centre - half, _indices(beyond))
 
 
 def _checked(values: ArrayLike) -> Floats:
