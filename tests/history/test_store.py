@@ -137,10 +137,10 @@ def test_reading_makes_no_file(tmp_path):
 def test_files_that_are_no_records_are_named(tmp_path):
     for name, text in (("a.json", "{"), ("b.json", "[]"), ("c.json", '{"format": "other/1"}'), ("d.json", "")):
         (tmp_path / name).write_text(text)
-        with pytest.raises(HistoryError, match=name):
+        with pytest.raises(RecordError, match=name):
             read_entry(tmp_path / name)
     (tmp_path / "e.json").write_text(json.dumps({"format": "fringecal-calibration/1"}))
     with pytest.raises(RecordError, match=r"e\.json"):
         read_entry(tmp_path / "e.json")
-    with pytest.raises(HistoryError, match="found none"):
+    with pytest.raises(RecordError, match="found none"):
         read_entry(tmp_path)

@@ -1,4 +1,4 @@
-"""Calibrations run once more: every archived record, and records whose files or numbers are no longer those."""
+"""Records run once more: every archived calibration, judgements, and records whose files or numbers have changed."""
 
 import json
 import shutil
@@ -6,11 +6,18 @@ from pathlib import Path
 
 import pytest
 
+from fringecal.cli.app import main
 from fringecal.errors import RecordError
-from fringecal.procedures.recording import calibration_of
-from fringecal.procedures.rerun import demand_inputs, differences, rerun, session_folder
+from fringecal.procedures.audit import audit
+from fringecal.procedures.recording import calibration_of, verification_record
+from fringecal.procedures.recording_audit import audit_record
+from fringecal.procedures.rerun import calibration_file, demand_inputs, differences, rerun, session_folder
 from fringecal.procedures.verification import verify
+from fringecal.records.audit import write_audit
 from fringecal.records.calibration import CalibrationRecord, read_calibration
+from fringecal.records.kinds import read_record
+from fringecal.records.limits import Limits
+from fringecal.records.verification import write_verification
 from fringecal.session import load_session
 
 ARCHIVE = Path(__file__).parents[1] / "records" / "archive"
@@ -42,6 +49,74 @@ def test_an_archived_record_is_repeated(archived):
     # Later versions may do better, and say so under "Numbers that change"; none may contradict an older one.
     assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
     assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
+
+
+# ---- verifications and audits ----------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory) -> dict[str, Path]:
+    """The newest archived session verified and audited, by limits that are not the usual ones."""
+    place = tmp_path_factory.mktemp("judged")
+    folder = shutil.copytree(ARCHIVE / VERSIONS[-1] / "session", place / "session")
+    file = Path(shutil.copy(ARCHIVE / VERSIONS[-1] / "calibration.json", place))
+    session, record = load_session(folder), read_calibration(file)
+    limits = Limits(level=0.9)
+    bars = verify(session, "bars", calibration_of(record), rows_px=(40, 75), with_filters=False)
+    command = {verb: ("fringecal", verb, str(folder), "--calibration", str(file)) for verb in ("verify", "audit")}
+    audited = audit(session, calibration_of(record), record)
+    write_verification(verification_record(bars, session, file, command=command["verify"], limits=limits), place)
+    write_audit(audit_record(audited, file, command=command["audit"], limits=limits), place)
+    return {
+        "verify": place / "verification.json",
+        "audit": place / "audit.json",
+        "session": folder,
+        "calibration": file,
+    }
+
+
+@pytest.mark.parametrize("verb", ["verify", "audit"])
+def test_a_judgement_is_repeated_to_the_last_digit(judged, verb):
+    written, kind = read_record(judged[verb])
+    assert kind.name == {"verify": "verification", "audit": "audit"}[verb]
+    assert (session_folder(written), calibration_file(written)) == (judged["session"], judged["calibration"])
+    found = rerun(written, judged["session"], calibration_file(written))
+    assert found.identical, found.sentence
+    assert found.fresh.limits.level == 0.9
+
+
+@pytest.mark.parametrize("verb", ["verify", "audit"])
+def test_another_calibration_or_session_file_is_named(judged, verb, tmp_path):
+    written, _ = read_record(judged[verb])
+    session = shutil.copytree(judged["session"], tmp_path / "s")
+    with (session / "session.toml").open("a") as stream:
+        stream.write("# a note\n")
+    other = tmp_path / "calibration.json"
+    other.write_text(judged["calibration"].read_text() + "\n")
+    with pytest.raises(RecordError) as caught:
+        rerun(written, session, other)
+    assert [line.split(":")[0].strip() for line in str(caught.value).splitlines()[1:]] == [
+        "session.toml",
+        "calibration.json",
+    ]
+    with pytest.raises(RecordError, match="calibration.json: missing, .* --calibration"):
+        rerun(written, judged["session"])
+
+
+def test_a_judgement_that_names_no_calibration_asks_for_it(judged):
+    written, _ = read_record(judged["audit"])
+    with pytest.raises(RecordError, match="--calibration"):
+        calibration_file(written.model_copy(update={"command": written.command[:3]}))
+    assert calibration_file(read_calibration(judged["calibration"])) is None
+
+
+def test_a_changed_number_of_an_audit_is_found(judged, tmp_path, capsys):
+    document = json.loads(judged["audit"].read_text())
+    change = document["changes"][0]
+    change["value"] += change["u"] / 2
+    (tmp_path / "audit.json").write_text(json.dumps(document))
+    with pytest.raises(SystemExit) as stop:
+        main(["rerun", str(tmp_path)])
+    assert stop.value.code == 3
+    assert "changes[0].value" in capsys.readouterr().out
 
 
 # ---- what is no longer the same --------------------------------------------------------------------

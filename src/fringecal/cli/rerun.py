@@ -1,4 +1,4 @@
-"""`fringecal rerun`: a calibration once more from its record, number by number."""
+"""`fringecal rerun`: a calibration, verification or audit once more from its record, number by number."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,7 +11,7 @@ from fringecal.cli.saving import progress
 if TYPE_CHECKING:
     from fringecal.procedures.rerun import Rerun
 
-HELP = """Run a calibration again from its record: same files by hash, same numbers.
+HELP = """Run a calibration, a verification or an audit again from its record: same files by hash, same numbers.
 
 Nothing is written. A file that is missing or has another content is named, and nothing is run.
 Exit code 0 if every result is the same, 3 if one differs by more than 1 % of its u, 1 if it cannot be run.
@@ -27,21 +27,27 @@ def register(app: typer.Typer) -> None:
 
 
 def rerun(
-    record: Path = typer.Argument(..., help="calibration.json, or its folder.", show_default=False),
+    record: Path = typer.Argument(
+        ..., help="calibration.json, verification.json or audit.json, or its folder.", show_default=False
+    ),
     session: Path | None = typer.Option(
         None, "--session", help="Folder of the session; by default the one that the record names.", show_default=False
+    ),
+    calibration: Path | None = typer.Option(
+        None, "--calibration", help="The calibration.json that was judged; by default as above.", show_default=False
     ),
     as_json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON document."),
 ) -> None:
     """Load, run again, print."""
+    from fringecal.procedures.rerun import calibration_file, session_folder
     from fringecal.procedures.rerun import rerun as run
-    from fringecal.procedures.rerun import session_folder
-    from fringecal.records.calibration import read_calibration
+    from fringecal.records.kinds import read_record, record_file
 
-    written = read_calibration(record)
+    written, _ = read_record(record)
     folder = session or session_folder(written)
+    judged = record_file(calibration) if calibration else calibration_file(written)
     with progress(quiet=as_json) as show:
-        found = run(written, folder, progress=show)
+        found = run(written, folder, judged, progress=show)
     if as_json:
         print_json(_document(found))
     else:

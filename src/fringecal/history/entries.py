@@ -1,18 +1,16 @@
 """What a record says in one row of the history, and in one row per quantity."""
 
 import hashlib
-import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fringecal.errors import HistoryError
-from fringecal.records.audit import AUDIT_FILE, AUDIT_FORMAT, AuditRecord
-from fringecal.records.calibration import CALIBRATION_FILE, CALIBRATION_FORMAT, CalibrationRecord
-from fringecal.records.documents import read_document
-from fringecal.records.parts import Check, EstimateRecord, Provenance
-from fringecal.records.verification import VERIFICATION_FILE, VERIFICATION_FORMAT, VerificationRecord
+from fringecal.records.audit import AuditRecord
+from fringecal.records.calibration import CalibrationRecord
+from fringecal.records.kinds import read_record, record_file
+from fringecal.records.parts import Check, EstimateRecord
+from fringecal.records.verification import VerificationRecord
 
 _SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
 
@@ -65,48 +63,20 @@ def read_entry(path: str | Path) -> Entry:
 
     Raises
     ------
-    HistoryError
-        The folder holds no record, or the file is of a format that has no place in a history.
     RecordError
-        The record is damaged or newer than this version.
+        The folder holds no record or several, or the file is none, damaged, or newer than this version.
     """
-    file = _record_file(Path(path))
-    try:
-        text = file.read_bytes()
-    except OSError as error:
-        raise HistoryError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
-    kind = _KINDS.get(_format_of(text))
-    if kind is None:
-        known = ", ".join(_KINDS)
-        raise HistoryError(f"{file}: not a record that a history takes; needed one of {known}")
-    record = read_document(file, kind.model, _format_of(text), file_name=file.name)
-    return _entry(record, kind, text, str(path))
+    file = record_file(path)
+    record, kind = read_record(file)
+    return _entry(record, kind.name, file.read_bytes(), str(path))
 
 
-def _record_file(path: Path) -> Path:
-    if not path.is_dir():
-        return path
-    found = [path / kind.file for kind in _KINDS.values() if (path / kind.file).is_file()]
-    if len(found) != 1:
-        names = ", ".join(file.name for file in found) or "none"
-        raise HistoryError(f"{path}: a folder with one record was needed, found {names}; name the file")
-    return found[0]
-
-
-def _format_of(text: bytes) -> str:
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError):
-        return ""
-    return str(document.get("format", "")) if isinstance(document, dict) else ""
-
-
-def _entry(record: Any, kind: "_Kind", text: bytes, source: str) -> Entry:
+def _entry(record: Any, kind: str, text: bytes, source: str) -> Entry:
     session, created = record.session, record.created.isoformat()
     captured = session.captured.astimezone(record.created.tzinfo).isoformat() if session.captured else created
     return Entry(
         rig=session.rig,
-        kind=kind.name,
+        kind=kind,
         captured=captured,
         created=created,
         sha256=hashlib.sha256(text).hexdigest(),
@@ -121,9 +91,9 @@ def _entry(record: Any, kind: "_Kind", text: bytes, source: str) -> Entry:
     )
 
 
-def _readings(record: Any, kind: "_Kind") -> Iterator[Reading]:
+def _readings(record: Any, kind: str) -> Iterator[Reading]:
     """Give a record's quantities, then its checks but for those of a quantity that is there already."""
-    quantities = tuple(kind.readings(record))
+    quantities = tuple(_QUANTITIES[kind](record))
     yield from quantities
     yield from _check_readings(record.checks, known={reading.quantity for reading in quantities})
 
@@ -176,16 +146,8 @@ def _of_audit(record: AuditRecord) -> Iterator[Reading]:
         yield Reading(f"change of {change.name}", change.value, change.unit, change.u, None, None, None, *judged)
 
 
-@dataclass(frozen=True)
-class _Kind:
-    name: str
-    file: str
-    model: type[Provenance]
-    readings: Callable[[Any], Iterator[Reading]]
-
-
-_KINDS = {
-    CALIBRATION_FORMAT: _Kind("calibration", CALIBRATION_FILE, CalibrationRecord, _of_calibration),
-    VERIFICATION_FORMAT: _Kind("verification", VERIFICATION_FILE, VerificationRecord, _of_verification),
-    AUDIT_FORMAT: _Kind("audit", AUDIT_FILE, AuditRecord, _of_audit),
+_QUANTITIES: Mapping[str, Callable[[Any], Iterator[Reading]]] = {
+    "calibration": _of_calibration,
+    "verification": _of_verification,
+    "audit": _of_audit,
 }

@@ -1,6 +1,6 @@
 """Between what a procedure found and what a record holds: there and, for a calibration, back again."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from fringecal.errors import RecordError
 from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.checks import commissioning_checks, verification_checks
 from fringecal.procedures.commission import Commissioning, projector_of
+from fringecal.procedures.examination import plate_beside
 from fringecal.procedures.lens_recording import lens_record
 from fringecal.procedures.recording_phase import (
     findings_of,
@@ -163,7 +164,7 @@ def verification_record(
         software=software_versions(),
         command=tuple(command),
         session=session_note(session),
-        inputs=inputs_of(session, only=found.capture),
+        inputs=inputs_of(session, only=(found.capture, plate_beside(session, found.capture))),
         calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
@@ -178,6 +179,7 @@ def verification_record(
         ),
         sentence=errors.sentence,
         checks=verification_checks(found, limits),
+        limits=limits,
         findings=findings_of(found.examined),
         notes=(found.phase.sentence(), *found.examined.sentences()),
     )
@@ -194,15 +196,19 @@ def session_note(session: Session) -> SessionNote:
     )
 
 
-def inputs_of(session: Session, *, only: Capture | None = None) -> tuple[InputFile, ...]:
-    """Return the files of a session, or of one capture, with their hashes; shared ones belong to no capture."""
+def inputs_of(session: Session, *, only: Iterable[Capture | None] | None = None) -> tuple[InputFile, ...]:
+    """Return the files of a session with their hashes; of some captures alone, those and what all captures share.
+
+    Shared files, such as session.toml, belong to no capture.
+    """
     whose = {
         path.relative_to(session.folder).as_posix(): capture.name
         for capture in session.captures.values()
         for path in (*capture.paths, *capture.gray_paths)
     }
     files = [InputFile(capture=whose.get(file, ""), file=file, sha256=sha) for file, sha in session.inputs.items()]
-    return tuple(file for file in files if only is None or file.capture == only.name)
+    names = None if only is None else {"", *(capture.name for capture in only if capture is not None)}
+    return tuple(file for file in files if names is None or file.capture in names)
 
 
 def budget_rows(contributions: Mapping[str, float]) -> tuple[BudgetRow, ...]:

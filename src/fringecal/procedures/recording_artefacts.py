@@ -26,7 +26,7 @@ def artefact_record(
         software=software_versions(),
         command=tuple(command),
         session=session_note(session),
-        inputs=inputs_of(session, only=found.capture),
+        inputs=inputs_of(session, only=[found.capture]),
         calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
@@ -34,6 +34,7 @@ def artefact_record(
         readings=tuple(_reading_record(reading) for reading in found.readings),
         sentence=found.sentence,
         checks=artefact_checks(found.readings, limits),
+        limits=limits,
         notes=(found.phase.sentence(), *found.probe.notes),
     )
 

@@ -36,6 +36,7 @@ def audit_record(
         causes=tuple(_cause(fit) for fit in found.causes),
         verdict=severest(checks),
         checks=checks,
+        limits=limits,
         sentence=audit_sentence(found),
         notes=found.notes,
     )

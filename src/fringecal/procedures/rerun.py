@@ -1,4 +1,4 @@
-"""Run a calibration once more from its record: the same files by hash, and number by number the same results."""
+"""Run a calibration, a verification or an audit once more from its record: same files by hash, number by number."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,18 +7,28 @@ from pathlib import Path
 from typing import Any
 
 from fringecal.errors import RecordError
+from fringecal.procedures.artefacts import verify_artefact
+from fringecal.procedures.audit import audit
 from fringecal.procedures.commission import commission
-from fringecal.procedures.recording import calibration_record
-from fringecal.records.calibration import CalibrationRecord
+from fringecal.procedures.recording import calibration_of, calibration_record, verification_record
+from fringecal.procedures.recording_artefacts import artefact_record
+from fringecal.procedures.recording_audit import audit_record
+from fringecal.procedures.verification import artefact_capture, verify
+from fringecal.records.calibration import CalibrationRecord, read_calibration
+from fringecal.records.kinds import Record
 from fringecal.records.limits import DEFAULT_LIMITS
 from fringecal.records.provenance import sha256_of, software_versions
-from fringecal.session import load_session
+from fringecal.records.verification import VerificationRecord
+from fringecal.session import Session, load_session
+from fringecal.targets.models import Zigzag
 
 PART_OF_U = 0.01  # a number that differs by less than this of its standard uncertainty is the same number
 
 _OF_THE_MAKING = {"created", "software", "command"}
 _SILENT = {"inputs", "limits", "appearance"}  # what older versions did not write is no difference
-_PAIRS = {"value": "u", "angle_deg": "u_deg", "u_mm": "u_mm"}
+_PAIRS = {"value": "u", "angle_deg": "u_deg", "mean_mm": "u_mm", "measured": "u_measured", "u_mm": "u_mm"}
+_VERBS = ("commission", "verify", "audit")
+_CALIBRATION = "--calibration"
 _JUDGED_WORDS = {"decision", "verdict", "model"}  # other words only say in figures what is compared anyway
 
 
@@ -43,7 +53,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Rerun:
-    """What running a calibration again has shown.
+    """What doing the work of a record again has shown.
 
     Parameters
     ----------
@@ -55,7 +65,7 @@ class Rerun:
         Software that is not the record's: then and now by package; empty text where it was or is not there.
     """
 
-    fresh: CalibrationRecord
+    fresh: Record
     differences: tuple[Difference, ...]
     versions: Mapping[str, tuple[str, str]]
 
@@ -89,15 +99,23 @@ class Rerun:
         return sorted(self.versions.items())
 
 
-def rerun(record: CalibrationRecord, folder: Path, *, progress: Callable[[str], None] = lambda _: None) -> Rerun:
-    """Commission again from the record's own files, and compare every number.
+def rerun(
+    record: Record,
+    folder: Path,
+    calibration: Path | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Rerun:
+    """Do again what a record holds, from the record's own files, and compare every number.
 
     Parameters
     ----------
     record
-        The calibration.
+        A calibration, a verification or an audit.
     folder
         The session it was made from.
+    calibration
+        The calibration that was judged, as its file; a calibration needs none.
     progress
         Called with a short sentence before each step.
 
@@ -109,14 +127,39 @@ def rerun(record: CalibrationRecord, folder: Path, *, progress: Callable[[str], 
         The folder is no session any more.
     """
     progress("hashes of the files")
-    demand_inputs(record, folder)
-    found = commission(load_session(folder), progress=progress)
-    fresh = calibration_record(found, command=record.command, limits=record.limits or DEFAULT_LIMITS)
+    demand_inputs(record, folder, calibration)
+    fresh = _again(record, load_session(folder), calibration, progress)
     then, now = (_compared(one, record) for one in (record, fresh))
     return Rerun(fresh, tuple(differences(then, now)), _other_versions(record.software, software_versions()))
 
 
-def session_folder(record: CalibrationRecord) -> Path:
+def _again(record: Record, session: Session, calibration: Path | None, progress: Callable[[str], None]) -> Record:
+    """Do the work, judged by what the record was judged by."""
+    limits = record.limits or DEFAULT_LIMITS
+    if isinstance(record, CalibrationRecord):
+        return calibration_record(commission(session, progress=progress), command=record.command, limits=limits)
+    assert calibration is not None  # else it would have been refused as missing
+    if isinstance(record, VerificationRecord):
+        return _verified_again(record, session, calibration, progress)
+    in_force = read_calibration(calibration)
+    found = audit(session, calibration_of(in_force), in_force, progress=progress)
+    return audit_record(found, calibration, command=record.command, limits=limits)
+
+
+def _verified_again(
+    record: VerificationRecord, session: Session, calibration: Path, progress: Callable[[str], None]
+) -> VerificationRecord:
+    rig, limits = calibration_of(read_calibration(calibration)), record.limits or DEFAULT_LIMITS
+    capture = artefact_capture(session, record.capture, rig)
+    if not isinstance(capture.target, Zigzag):
+        other = verify_artefact(capture, rig, progress=progress)
+        return artefact_record(other, session, calibration, command=record.command, limits=limits)
+    rows, filters = tuple(round(profile.row_px) for profile in record.profiles), bool(record.filters)
+    bars = verify(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=progress)
+    return verification_record(bars, session, calibration, command=record.command, limits=limits)
+
+
+def session_folder(record: Record) -> Path:
     """Return the session that the record's command line names.
 
     Raises
@@ -125,23 +168,50 @@ def session_folder(record: CalibrationRecord) -> Path:
         The record holds no command line: it was not made by the command.
     """
     verb, *arguments = record.command[1:] or ("",)
-    if verb != "commission" or not arguments:
+    if verb not in _VERBS or not arguments:
         raise RecordError("the record names no session that it was made from; name the folder with --session")
     return Path(arguments[0])
 
 
-def demand_inputs(record: CalibrationRecord, folder: Path) -> None:
-    """Refuse a folder in which a file of the record is missing or has another content."""
-    faults = [fault for file in record.inputs if (fault := _fault(folder, file.file, file.sha256))]
-    if faults:
-        raise RecordError(f"{folder}: not the files that the calibration was made from\n  " + "\n  ".join(faults))
+def calibration_file(record: Record) -> Path | None:
+    """Return the calibration that the record's command line names; None for a calibration itself.
 
-
-def _fault(folder: Path, name: str, expected: str) -> str:
+    Raises
+    ------
+    RecordError
+        The record was made with a calibration, but names none.
+    """
+    if isinstance(record, CalibrationRecord):
+        return None
     try:
-        found = sha256_of(folder / name)
+        stated = Path(record.command[record.command.index(_CALIBRATION) + 1])
+    except (ValueError, IndexError):
+        raise RecordError(f"the record names no calibration that it was made with; name one, {_CALIBRATION}") from None
+    return stated / record.calibration.file if stated.is_dir() else stated
+
+
+def demand_inputs(record: Record, folder: Path, calibration: Path | None = None) -> None:
+    """Refuse files of which one that the record was made from is missing or has another content.
+
+    Raises
+    ------
+    RecordError
+        As described; every such file is named.
+    """
+    checked = [_fault(folder / file.file, file.file, file.sha256, "--session") for file in record.inputs]
+    if not isinstance(record, CalibrationRecord):
+        used = record.calibration
+        checked.append(_fault(calibration or Path(), used.file, used.sha256, _CALIBRATION))
+    faults = [fault for fault in checked if fault]
+    if faults:
+        raise RecordError(f"{folder}: not the files that the record was made from\n  " + "\n  ".join(faults))
+
+
+def _fault(file: Path, name: str, expected: str, option: str) -> str:
+    try:
+        found = sha256_of(file)
     except RecordError:
-        return f"{name}: missing, or not readable; put the file back, or name the right folder with --session"
+        return f"{name}: missing, or not readable; put the file back, or name the right place with {option}"
     return "" if found == expected else f"{name}: another content (SHA-256 {found[:12]}..., needed {expected[:12]}...)"
 
 
@@ -150,7 +220,7 @@ def _other_versions(then: Mapping[str, str], now: Mapping[str, str]) -> dict[str
     return {name: (then.get(name, ""), now.get(name, "")) for name in names if then.get(name) != now.get(name)}
 
 
-def _compared(one: CalibrationRecord, written: CalibrationRecord) -> dict[str, Any]:
+def _compared(one: Record, written: Record) -> dict[str, Any]:
     """Give what is compared: all but the making, and nothing that an older version did not write."""
     document = one.model_dump(mode="json", exclude=_OF_THE_MAKING | {"inputs"})
     absent = {name for name in _SILENT if getattr(written, name, None) in (None, ())}

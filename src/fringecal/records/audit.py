@@ -6,6 +6,7 @@ from typing import Final, Literal
 from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
+from fringecal.records.limits import Limits
 from fringecal.records.parts import Check, Part, Provenance, Uncertainty
 from fringecal.records.verification import CalibrationUsed
 
@@ -66,6 +67,7 @@ class AuditRecord(Provenance):
     causes: tuple[CauseRecord, ...] = Field(default=(), description="single causes, the likeliest first")
     verdict: Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
     checks: tuple[Check, ...] = ()
+    limits: Limits | None = Field(default=None, description="what was judged by; null in records of older versions")
     sentence: str = ""
     notes: tuple[str, ...] = ()
 

@@ -6,6 +6,7 @@ from typing import Any, Final, Literal
 from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
+from fringecal.records.limits import Limits
 from fringecal.records.parts import BudgetRow, Check, Part, Provenance, Sha256, Uncertainty
 from fringecal.records.phases import FindingRecord
 
@@ -100,6 +101,7 @@ class VerificationRecord(Provenance):
     filters: tuple[FilterRow, ...] = ()
     sentence: str = Field(default="", description="what the numbers say, the dominant error first")
     checks: tuple[Check, ...] = ()
+    limits: Limits | None = Field(default=None, description="what was judged by; null in records of older versions")
     findings: tuple[FindingRecord, ...] = ()
     notes: tuple[str, ...] = ()
 
