@@ -21,7 +21,7 @@ import numpy as np
 from fringecal.phase import Noise, demodulate, scheme, unwrap
 from fringecal.phase.kernels import Limits, demodulate_plain
 
-LIMITS = Limits(*map(np.float32, (255, 0, 2, 0.25, 5, 0.15)))
+LIMITS = Limits(np.uint8(254), *map(np.float32, (0, 2, 0.25, 5, 0.15)))
 
 
 def in_turns(jobs: dict[str, Callable[[], object]], turns: int, clock: Callable[[], float]) -> dict[str, list[float]]:

@@ -27,7 +27,7 @@ MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
 
 _DARK_SIGMAS = 4.0
 _LEAST_MODULATION = 1e-15  # squares of less are lost in float32
-_SAMPLES_ALONG = 160
+_SAMPLES_ALONG = 100
 
 
 class Reason(IntFlag):
@@ -141,7 +141,7 @@ def demodulate(
         min_modulation = least_modulation(grey, scheme)
     read_sigma = float(noise.read_sigma)
     limits = kernels.Limits(
-        np.float32(white),
+        _brightest(grey.dtype, white),
         np.float32(_DARK_SIGMAS * read_sigma if dark_level is None else dark_level),
         np.float32(max(min_modulation, _LEAST_MODULATION)),
         np.float32(MAX_SIGMA_RAD),
@@ -175,6 +175,13 @@ def _white_level(dtype: np.dtype, white_level: float | None) -> float:
     return float(np.iinfo(dtype).max) if np.issubdtype(dtype, np.integer) else np.inf
 
 
+def _brightest(dtype: np.dtype, white_level: float) -> np.uint8 | np.uint16 | np.float32:
+    """Return the largest grey value that is not saturated, of the frames' own type."""
+    if not np.issubdtype(dtype, np.integer):
+        return np.nextafter(np.float32(white_level), np.float32(-np.inf))
+    return dtype.type(np.clip(np.ceil(white_level) - 1, 0, np.iinfo(dtype).max))
+
+
 def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
     """Estimate the noise; pictures too small for that get the noise of rounding."""
     if min(grey.shape[1:]) < 16:
@@ -194,7 +201,7 @@ def least_modulation(grey: NDArray, scheme: Scheme) -> float:
 
 
 def _sparse(grey: NDArray) -> NDArray:
-    """Return every so many rows and columns: some 160 of each."""
+    """Return every so many rows and columns: some 100 of each."""
     steps = [max(1, length // _SAMPLES_ALONG) for length in grey.shape[1:]]
     return grey[:, :: steps[0], :: steps[1]]
 

@@ -17,18 +17,17 @@ BLOCK = 1024
 
 _THREE = 3  # frames whose sums stay in registers
 _FLOAT_SIZE = 4  # bytes; integers have fewer, and are always finite
-_PI = np.float32(np.pi)
+# The float32 next below pi: half a turn rounds to it, never to a number outside (-pi, pi].
+_PI = np.nextafter(np.float32(np.pi), np.float32(0))
 _ZERO, _INFINITY, _NAN = np.float32(0), np.float32(np.inf), np.float32(np.nan)
-# Keeps 0/0 away in pixels without any modulation; far below the square of any real grey value.
-_TINY = np.float32(1e-30)
+_NO_REASON = np.uint8(0)
 
 # "nnan" and "ninf" are left out: frames may hold NaN, which must reach the mask.
 _FAST = {"reassoc", "nsz", "arcp", "contract"}
 
-# 2 atan(t) = t P(t^2) on [0, 1]: minimax by Lawson's iteration, largest error 5.0e-7 rad.
-_P0, _P1, _P2, _P3, _P4, _P5, _P6 = (
-    np.float32(c)
-    for c in (1.99999222, -0.666347361, 0.396156311, -0.264666841, 0.159247343, -0.0672084394, 0.013623586)
+# 2 atan(t) = t P(t^2) on [0, 1]: minimax by Lawson's iteration, largest error 3.4e-6 rad.
+_P0, _P1, _P2, _P3, _P4, _P5 = (
+    np.float32(c) for c in (1.99995444, -0.665245655, 0.387080745, -0.232852945, 0.105294682, -0.023438263)
 )
 
 
@@ -37,8 +36,8 @@ class Limits(NamedTuple):
 
     Parameters
     ----------
-    white_level
-        A frame at or above this is saturated.
+    brightest
+        A frame above this is saturated; of the frames' own type, in which sixteen and more compare at once.
     dark_level
         A background below this is dark.
     min_modulation
@@ -51,7 +50,7 @@ class Limits(NamedTuple):
         ... larger than this share of the modulation.
     """
 
-    white_level: np.float32
+    brightest: np.uint8 | np.uint16 | np.float32
     dark_level: np.float32
     min_modulation: np.float32
     max_sigma_rad: np.float32
@@ -61,17 +60,15 @@ class Limits(NamedTuple):
 
 @njit(fastmath=_FAST, inline="always")
 def _angle(y, x, length):  # type: ignore[no-untyped-def]
-    """Return the four-quadrant arctangent of two float32 numbers, whose length is known, to 2e-6 rad; 0 for (0, 0).
+    """Return the four-quadrant arctangent of two float32 numbers, whose length is known, to 5e-6 rad; NaN for (0, 0).
 
     By half the angle, `atan2(y, |x|) = 2 atan(y / (length + |x|))`: the argument of the polynomial lies in [-1, 1]
     without any exchange of x and y, and x < 0 is what is left of half a turn.
     """
-    t = y / (length + abs(x) + _TINY)
+    t = y / (length + abs(x))
     q = t * t
-    angle = t * (_P0 + q * (_P1 + q * (_P2 + q * (_P3 + q * (_P4 + q * (_P5 + q * _P6))))))
-    angle = np.copysign(_PI, y) - angle if x < _ZERO else angle
-    # Never -pi, which is the same as pi.
-    return _PI if angle <= -_PI else angle
+    angle = t * (_P0 + q * (_P1 + q * (_P2 + q * (_P3 + q * (_P4 + q * _P5)))))
+    return np.copysign(_PI, y) - angle if x < _ZERO else angle
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -91,7 +88,7 @@ def _three_sums(frames, start, count, weights, sums, peak):  # type: ignore[no-u
         a[i] = weights[0, 0] * x + weights[0, 1] * y + weights[0, 2] * z - weights[0, -1]
         c[i] = weights[1, 0] * x + weights[1, 1] * y + weights[1, 2] * z - weights[1, -1]
         s[i] = weights[2, 0] * x + weights[2, 1] * y + weights[2, 2] * z - weights[2, -1]
-        peak[i] = max(x, max(y, z))
+        peak[i] = max(one[i], max(two[i], three[i]))
     for n in range(3, frames.shape[0]):
         wa, wc, ws = weights[0, n], weights[1, n], weights[2, n]
         frame = frames[n, start : start + count]
@@ -100,20 +97,20 @@ def _three_sums(frames, start, count, weights, sums, peak):  # type: ignore[no-u
             a[i] += wa * x
             c[i] += wc * x
             s[i] += ws * x
-            peak[i] = max(peak[i], x)
+            peak[i] = max(peak[i], frame[i])
 
 
 @njit(fastmath=_FAST, inline="always")
 def _flags(a, b, peak, limits):  # type: ignore[no-untyped-def]
-    """Return the reasons that both kernels know, as a float32: whole integers would be 64 bit wide in numba."""
-    why = _flag(peak >= limits.white_level, SATURATED) + _flag(a < limits.dark_level, DARK)
-    return why + _flag(b < limits.min_modulation, LOW_MODULATION)
+    """Return the reasons that both kernels know."""
+    dim, low = _flag(a < limits.dark_level, DARK), _flag(b < limits.min_modulation, LOW_MODULATION)
+    return np.uint8(_flag(peak > limits.brightest, SATURATED) | dim | low)
 
 
 @njit(fastmath=_FAST, inline="always")
 def _flag(raised, reason):  # type: ignore[no-untyped-def]
-    """Return the reason if raised, else zero."""
-    return np.float32(reason) if raised else _ZERO
+    """Return the reason if raised, else none."""
+    return np.uint8(reason) if raised else _NO_REASON
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -143,8 +140,7 @@ def _plain_pixel(a, c, s, peak, limits):  # type: ignore[no-untyped-def]
     """Return phase (NaN where masked), modulation and reasons of one pixel."""
     b = np.sqrt(c * c + s * s)
     why = _flags(a, b, peak, limits)
-    angle = _angle(s, c, b)
-    return angle if why == _ZERO else _NAN, b, np.uint8(np.int32(why))
+    return _angle(s, c, b) if why == _NO_REASON else _NAN, b, why
 
 
 @njit(fastmath=_FAST, error_model="numpy")
@@ -156,14 +152,15 @@ def _plain_three(frames, start, weights, limits, phase, modulation, reasons):  #
     for i in range(end - start):
         x, y, z = np.float32(one[i]), np.float32(two[i]), np.float32(three[i])
         a, c, s = _sum_of_three(row_a, x, y, z), _sum_of_three(row_c, x, y, z), _sum_of_three(row_s, x, y, z)
-        phase[i], modulation[i], reasons[i] = _plain_pixel(a, c, s, max(x, max(y, z)), limits)
+        peak = max(one[i], max(two[i], three[i]))
+        phase[i], modulation[i], reasons[i] = _plain_pixel(a, c, s, peak, limits)
 
 
-@njit(fastmath=_FAST, inline="always")
+@njit(fastmath=_FAST, error_model="numpy")
 def _plain_many(frames, start, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
     """Demodulate one block of any number of frames."""
     count = phase.shape[0]
-    sums, peak = np.empty((3, BLOCK), np.float32), np.empty(BLOCK, np.float32)
+    sums, peak = np.empty((3, BLOCK), np.float32), np.empty(BLOCK, frames.dtype)
     _three_sums(frames, start, count, weights, sums, peak)
     a, c, s = sums[0], sums[1], sums[2]
     for i in range(count):
@@ -181,7 +178,7 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
     weights
         float32 (3, N + 1): `Scheme.weights` and, as the last column, `Scheme.zero`.
     limits
-        `Limits`; only white_level, dark_level and min_modulation are used.
+        `Limits`; only brightest, dark_level and min_modulation are used.
     phase, modulation, reasons
         Outputs, (M,): float32 rad (NaN where masked), float32 grey levels, uint8 flags.
     """
@@ -214,7 +211,7 @@ def _residuals(frames, start, count, model, sums, rss):  # type: ignore[no-untyp
 @njit(fastmath=_FAST, inline="always")
 def _variance(c, s, vcc, vss, vcs, floor):  # type: ignore[no-untyped-def]
     """Return u(phi)^2 from the covariance of C = B cos(phi) and S = B sin(phi)."""
-    power = c * c + s * s + _TINY
+    power = c * c + s * s
     numerator = c * c * vss - np.float32(2) * c * s * vcs + s * s * vcc
     return max(numerator, floor * power) / (power * power)
 
@@ -229,11 +226,11 @@ def _full_pixel(sums, peak, misfit, covariance, floor, limits):  # type: ignore[
     b = np.sqrt(c * c + s * s)
     variance = _variance(c, s, covariance[0], covariance[1], covariance[2], floor)
     limit = max(limits.misfit_level, limits.misfit_share * b)
-    uncertain = (variance > limits.max_sigma_rad * limits.max_sigma_rad) & (b >= limits.min_modulation)
-    why = _flags(a, b, peak, limits) + _flag(uncertain, LOW_MODULATION) + _flag(misfit > limit * limit, MISFIT)
-    valid = why == _ZERO
+    uncertain = _flag(variance > limits.max_sigma_rad * limits.max_sigma_rad, LOW_MODULATION)
+    why = np.uint8(_flags(a, b, peak, limits) | uncertain | _flag(misfit > limit * limit, MISFIT))
+    valid = why == _NO_REASON
     angle, deviation = _angle(s, c, b), np.sqrt(variance)
-    return angle if valid else _NAN, b, a, deviation if valid else _NAN, np.uint8(np.int32(why))
+    return angle if valid else _NAN, b, a, deviation if valid else _NAN, why
 
 
 @njit(fastmath=_FAST, error_model="numpy")
@@ -248,17 +245,17 @@ def _full_three(frames, start, weights, noise, limits, maps):  # type: ignore[no
         x, y, z = np.float32(one[i]), np.float32(two[i]), np.float32(three[i])
         sums = _sum_of_three(row_a, x, y, z), _sum_of_three(row_c, x, y, z), _sum_of_three(row_s, x, y, z)
         phase[i], modulation[i], background[i], sigma[i], reasons[i] = _full_pixel(
-            sums, max(x, max(y, z)), _ZERO, covariance, floor, limits
+            sums, max(one[i], max(two[i], three[i])), _ZERO, covariance, floor, limits
         )
 
 
-@njit(fastmath=_FAST, inline="always")
+@njit(fastmath=_FAST, error_model="numpy")
 def _full_many(frames, start, weights, model, noise, limits, maps):  # type: ignore[no-untyped-def]
     """Demodulate one block of any number of frames, with shot noise where the weights have its rows."""
     phase, modulation, background, sigma, reasons = maps
     count = phase.shape[0]
     sums, rss = np.zeros((6, BLOCK), np.float32), np.zeros(BLOCK, np.float32)
-    peak = np.empty(BLOCK, np.float32)
+    peak = np.empty(BLOCK, frames.dtype)
     if weights.shape[0] > _THREE:
         _three_sums(frames, start, count, weights[3:], sums[3:], peak)
     _three_sums(frames, start, count, weights, sums, peak)
