@@ -1,12 +1,13 @@
 """Solve for the camera on the plate, and leave crossings out that disagree."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from fringecal.camera.newton import least_squares
 from fringecal.camera.plate_problem import Problem, misfit_px, noticeable, residuals
 from fringecal.camera.scatter import shared_scatter
 from fringecal.errors import FitError
@@ -17,6 +18,7 @@ MIN_CROSSINGS = 12
 _OUTLIER = 4.0  # residuals beyond this many robust sigmas are wrong crossings, not noise
 #: Of the largest singular value, all parameters being of one size: below it derivatives are rounding errors.
 _LEAST_SINGULAR = 1e-7
+_STEP = 0.05  # of a derivative: so many standard uncertainties of the parameter, were the others known
 _LEAST_FACTOR = 0.02  # residuals of drawn pictures may vanish; the priors must still be felt beside them
 
 
@@ -32,8 +34,38 @@ class Solution:
     factor: float
 
 
+def _least_squares(residuals: Callable[[Array], Array], start: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the parameters, (n,), at which the sum of squares is least, and the derivatives there, (m, n).
+
+    Parameters differ in size by ten orders: each is counted in what it is known to, and derivatives are differences
+    over a share of that. `sizes` are changes that residuals notice, for the first derivatives only.
+    """
+    unit = _known_to(_derivatives(residuals, start, sizes), sizes)
+
+    def scaled(q: Array) -> Array:
+        return residuals(start + unit * q)
+
+    def slopes(q: Array) -> Array:
+        return _derivatives(residuals, start + unit * q, _STEP * unit) * unit
+
+    found = least_squares(scaled, np.zeros(start.size), slopes, x_scale="jac", xtol=1e-10, ftol=1e-10)
+    return start + unit * found.x, slopes(found.x) / unit
+
+
+def _derivatives(residuals: Callable[[Array], Array], at: Array, steps: Array) -> Array:
+    """Return central differences, (m, n)."""
+    columns = [(residuals(at + step) - residuals(at - step)) / (2 * step.max()) for step in np.diag(steps)]
+    return np.column_stack(columns)
+
+
+def _known_to(jacobian: Array, steps: Array) -> Array:
+    """Return the change of each parameter that moves the residuals by one in all; its step where nothing moves."""
+    length = np.linalg.norm(jacobian, axis=0)
+    return np.where(length > 0, 1 / np.where(length > 0, length, 1.0), steps)
+
+
 def _solve(problem: Problem, start: Array, keep: NDArray[np.bool_], factor: float) -> Solution:
-    vector, jacobian = least_squares(lambda v: residuals(problem, v, keep, factor), start, noticeable(problem, start))
+    vector, jacobian = _least_squares(lambda v: residuals(problem, v, keep, factor), start, noticeable(problem, start))
     unit = 1 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     _, singular, right = np.linalg.svd(jacobian * unit, full_matrices=False)
     if singular[-1] < _LEAST_SINGULAR * singular[0]:
