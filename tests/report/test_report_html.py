@@ -1,4 +1,5 @@
 import base64
+import gzip
 import io
 import re
 from datetime import UTC, datetime
@@ -8,8 +9,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from fringecal.report.figures_maps import height_map
+from fringecal.report.figures_surface import surface_view
 from fringecal.report.html import render_html, write_html
-from fringecal.report.structure import Fact, FigureItem, InputFile, Report, Section, Table, Verdict
+from fringecal.report.readable import Layer, readable_plate
+from fringecal.report.structure import Fact, FigureItem, InputFile, Live, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
 
 
@@ -113,6 +117,34 @@ def test_every_figure_can_be_enlarged_by_a_button_that_names_it():
     assert outline.text().count("Enlarge Close A line") == 3
     groups = [choice["name"] for choice in outline.all("input") if "checked" in choice]
     assert len(set(groups)) == len(groups) == 3
+
+
+def test_values_of_maps_stand_in_the_page_once_with_the_place_of_their_axes(scene):
+    x, y, z = scene
+    known = [np.where(np.isnan(z), np.nan, part) for part in scene]
+    values = readable_plate(*known[:2], (Layer("z", "mm", z),))
+    flat = FigureItem("Height", height_map(x, y, z), "map", "png", Live(values))
+    turned = FigureItem("Surface", surface_view(*known), "view", "png", Live(values, 2.0))
+    page = render_html(example(sections=(Section("Height", (), (), (flat, plot(), turned)),)))
+    outline = Outline(page)
+    scripts = [script.get("id") for script in outline.all("script")]
+    assert scripts == ["values-1", "plotly", None]
+    assert not any("src" in script for script in outline.all("script"))
+    (probe,) = [box for box in outline.all("div") if box.get("class") == "probe"]
+    (stage,) = [box for box in outline.all("div") if box.get("class") == "stage"]
+    assert probe["data-values"] == stage["data-values"] == "values-1"
+    assert stage["data-stretch"] == "2.0"
+    # 80 x 60 pixels of 2 mm about the origin: the axes end half a pixel beyond the last centres, y up.
+    assert [float(limit) for limit in probe["data-limits"].split()] == pytest.approx([-80, 80, 60, -60])
+    # Equal scales: the box's sides in px of a 7.0 x 5.2 inch picture are as 4 to 3.
+    share = {side: float(part.rstrip("%")) for side, part in re.findall(r"(\w+): ([\d.]+%)", probe["style"])}
+    assert share["width"] * 7.0 / (share["height"] * 5.2) == pytest.approx(4 / 3, abs=1e-3)
+    # What is hidden until a script shows it would be dead without one.
+    assert all("hidden" in part for part in (probe, stage))
+    packed = re.search(r'id="plotly">([^<]*)<', page).group(1)
+    library = gzip.decompress(base64.b64decode(packed)).decode()
+    assert "plotly.js" in library[:100]
+    assert "MIT license" in library[:300]
 
 
 def test_numbers_are_printed_short_and_downloaded_whole():

@@ -7,13 +7,14 @@ import pandas as pd
 
 from fringecal.procedures.artefacts import ArtefactVerification
 from fringecal.procedures.checks import artefact_checks
-from fringecal.procedures.report_parts import budget_table, inputs_of_capture, phase_section, severest, stretch_of
+from fringecal.procedures.report_parts import budget_table, inputs_of_capture, phase_section, severest
+from fringecal.procedures.report_surface import height_item, readable_surface, surface_item
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
-from fringecal.report.figures_maps import error_map, height_map
-from fringecal.report.figures_surface import surface_view
+from fringecal.report.figures_maps import error_map
 from fringecal.report.figures_tables import budget_bars
-from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.readable import Layer
+from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
 from fringecal.verify.readings import Reading, readings_table
 
 _NOTE = (
@@ -98,23 +99,21 @@ def _surface(found: ArtefactVerification) -> Section:
     surface, probe = found.surface, found.probe
     cloud = np.stack([surface.x, surface.y, surface.z], axis=-1).reshape(-1, 3)
     residual = np.full(surface.z.size, np.nan)
-    for group, values in zip(probe.groups, probe.residuals([cloud[g] for g in probe.groups]), strict=True):
-        residual[group] = values
+    for group, off in zip(probe.groups, probe.residuals([cloud[g] for g in probe.groups]), strict=True):
+        residual[group] = off
     rms = float(np.sqrt(np.nanmean(residual**2)))
     seen = f"{100 * float(np.mean(surface.mask)):.1f} % of the picture has a height"
+    distance = residual.reshape(surface.z.shape)
+    values = readable_surface(surface, Layer("distance from the form", "mm", distance, 4))
     figures = (
         FigureItem(
             "Distance from the fitted form",
-            error_map(surface.x, surface.y, residual.reshape(surface.z.shape)),
+            error_map(surface.x, surface.y, distance),
             f"Map of the distances of {int(np.isfinite(residual).sum())} points from the form: {rms:.4f} mm rms.",
             "png",
+            Live(values),
         ),
-        FigureItem("Height", height_map(surface.x, surface.y, surface.z), f"Height map, y up; {seen}.", "png"),
-        FigureItem(
-            "In three dimensions",
-            surface_view(surface.x, surface.y, surface.z, exaggeration=stretch_of(surface)),
-            f"Oblique view of {found.target.name} on the plate.",
-            "png",
-        ),
+        height_item("Height", surface, values, f"Height map, y up; {seen}."),
+        surface_item("In three dimensions", surface, values, f"Oblique view of {found.target.name} on the plate."),
     )
     return Section("Surface", (f"{seen}.",), (), figures)

@@ -13,7 +13,8 @@ from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_audit import cause_bars, change_bars
 from fringecal.report.figures_maps import residual_map
-from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.readable import Layer, readable_picture
+from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
 from fringecal.uncertainty.conformity import decide
 
 
@@ -134,6 +135,7 @@ def _maps_section(found: Audit) -> tuple[Section, ...]:
                     residual_map(change, label="today - calibration / rad"),
                     f"Map over the picture of today's {name} minus the calibration's: {rms:.3f} rad rms.",
                     "png",
+                    Live(readable_picture(Layer("change", "rad", change, 4))),
                 )
             )
     return (Section("Where it changed", (), (), tuple(figures)),) if figures else ()

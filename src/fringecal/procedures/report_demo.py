@@ -9,11 +9,10 @@ import pandas as pd
 from fringecal.procedures.analytic import AnalyticCase
 from fringecal.procedures.demo import THESIS, Demonstration, RealCapture
 from fringecal.procedures.report_analytic import analytic_section
+from fringecal.procedures.report_surface import height_item, readable_surface, surface_item
 from fringecal.records.provenance import software_versions
-from fringecal.report.figures_maps import height_map
 from fringecal.report.figures_phase import phase_overview
 from fringecal.report.figures_profiles import profile_plot
-from fringecal.report.figures_surface import surface_view
 from fringecal.report.figures_tables import comparison_bars
 from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
 
@@ -109,13 +108,12 @@ def _bars(found: Demonstration) -> Section:
 
 def _leaf(found: Demonstration) -> Section:
     surface = found.leaf.surface
-    view = surface_view(surface.x, surface.y, surface.z, exaggeration=3.0, title="Pleated leaf, heights times three")
-    flat = height_map(surface.x, surface.y, surface.z, title="Pleated leaf")
+    values = readable_surface(surface)
     return Section(
         "Leaf",
         figures=(
-            FigureItem("Height of the leaf", flat, "map of heights of a pleated leaf", "png"),
-            FigureItem("The leaf as a surface", view, "surface of a pleated leaf seen from the side", "png"),
+            height_item("Height of the leaf", surface, values, "map of heights of a pleated leaf"),
+            surface_item("The leaf as a surface", surface, values, "surface of a pleated leaf seen from the side"),
         ),
     )
 

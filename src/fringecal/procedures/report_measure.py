@@ -8,14 +8,15 @@ from numpy.typing import NDArray
 
 from fringecal.procedures.measurement import Measurement
 from fringecal.procedures.report_doctor import doctor_section
-from fringecal.procedures.report_parts import inputs_of_capture, phase_section, stretch_of
+from fringecal.procedures.report_parts import inputs_of_capture, phase_section
 from fringecal.procedures.report_relief import relief_section
+from fringecal.procedures.report_surface import height_item, readable_surface, surface_item
 from fringecal.reconstruct.height import HeightMap, Reason
 from fringecal.records.provenance import software_versions
-from fringecal.report.figures_maps import classification_overlay, height_map, uncertainty_map
+from fringecal.report.figures_maps import classification_overlay, uncertainty_map
 from fringecal.report.figures_profiles import sections_plot
-from fringecal.report.figures_surface import surface_view
-from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.readable import ReadableMap
+from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
 
 _SECTIONS = (0.25, 0.5, 0.75)  # of the rows that hold heights
 _PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
@@ -33,15 +34,16 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
     created
         Time of writing, with its zone.
     """
+    values = readable_surface(found.surface)
     return Report(
         title=f"Surface of {found.capture.name}",
         subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence))),
         verdict=Verdict("info", _sentence(found)),
         facts=_facts(found),
         sections=(
-            _height_section(found),
-            relief_section(found, section_rows(found.surface.mask)),
-            _uncertainty_section(found),
+            _height_section(found, values),
+            relief_section(found, section_rows(found.surface.mask), values),
+            _uncertainty_section(found, values),
             _mask_section(found),
             phase_section((found.phase,)),
             doctor_section((found.examined,)),
@@ -73,22 +75,19 @@ def _facts(found: Measurement) -> tuple[Fact, ...]:
     )
 
 
-def _height_section(found: Measurement) -> Section:
+def _height_section(found: Measurement, values: ReadableMap) -> Section:
     surface = found.surface
     span = f"from {np.nanmin(surface.z):.2f} to {np.nanmax(surface.z):.2f} mm"
     rows = section_rows(surface.mask)
     items = (
-        FigureItem("Height", height_map(surface.x, surface.y, surface.z), f"Height map, y up, {span}.", "png"),
+        height_item("Height", surface, values, f"Height map, y up, {span}."),
         FigureItem(
             "Sections",
             _sections(surface, rows),
             f"Heights along picture rows {', '.join(map(str, rows))} with their 95 % band.",
         ),
-        FigureItem(
-            "The surface in three dimensions",
-            surface_view(surface.x, surface.y, surface.z, exaggeration=stretch_of(surface)),
-            f"Oblique view of the surface, heights {span}.",
-            "png",
+        surface_item(
+            "The surface in three dimensions", surface, values, f"Oblique view of the surface, heights {span}."
         ),
     )
     return Section("Height", (), (_distribution_table(surface),), items)
@@ -131,7 +130,7 @@ def _distribution_table(surface: HeightMap) -> Table:
     return Table("Distribution over the valid pixels", frame, "each column sorted by itself", formats)
 
 
-def _uncertainty_section(found: Measurement) -> Section:
+def _uncertainty_section(found: Measurement, values: ReadableMap) -> Section:
     surface = found.surface
     sentence = (
         "Random parts differ from pixel to pixel and fall out of means; the others are common to neighbouring pixels "
@@ -142,6 +141,7 @@ def _uncertainty_section(found: Measurement) -> Section:
         uncertainty_map(surface.x, surface.y, surface.u_z),
         f"Map of u(z), y up, median {np.nanmedian(surface.u_z):.4f} mm.",
         "png",
+        Live(values),
     )
     return Section("Uncertainty", (sentence,), (_causes_table(surface),), (item,))
 

@@ -8,11 +8,10 @@ import pandas as pd
 
 from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.recording import budget_rows
-from fringecal.reconstruct.height import HeightMap
 from fringecal.records.parts import Check
 from fringecal.report.figures_phase import phase_overview
-from fringecal.report.html import figure_bytes
 from fringecal.report.structure import Decision, FigureItem, InputFile, Report, Section, Table, slug
+from fringecal.report.views import figure_bytes
 from fringecal.session import Capture
 from fringecal.uncertainty.estimates import Estimate
 
@@ -146,16 +145,6 @@ def _mask_table(captures: Sequence[CapturePhase]) -> Table:
     frame = pd.DataFrame(rows)
     formats = dict.fromkeys(frame.columns[1:], ".2f")
     return Table("Valid pixels", frame, "share of the picture; a pixel may be masked for several reasons", formats)
-
-
-def stretch_of(surface: HeightMap) -> float:
-    """Choose by how much a view stretches heights, so that a flat object keeps a visible relief.
-
-    A sixth of the longer side is relief enough; factors are 1, 2, 5, 10 and so on.
-    """
-    sides = [float(np.nanmax(part) - np.nanmin(part)) for part in (surface.x, surface.y)]
-    wanted = max(sides) / 6 / max(float(np.nanmax(surface.z) - np.nanmin(surface.z)), 1e-9)
-    return float(max([f for f in (1, 2, 5, 10, 20, 50, 100) if f <= wanted], default=1))
 
 
 def inputs_of_capture(capture: Capture) -> tuple[InputFile, ...]:

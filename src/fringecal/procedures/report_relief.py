@@ -7,11 +7,12 @@ from fringecal.procedures.measurement import Measurement
 from fringecal.reconstruct.extent import Extent, extent_of
 from fringecal.reconstruct.sections import row_section
 from fringecal.report.figures_contours import contour_map
-from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.readable import ReadableMap
+from fringecal.report.structure import FigureItem, Live, Section, Table
 from fringecal.verify.folds import Fold, folds_of, folds_table
 
 
-def relief_section(found: Measurement, rows: tuple[int, ...]) -> Section:
+def relief_section(found: Measurement, rows: tuple[int, ...], values: ReadableMap) -> Section:
     """Return the report's section on what stands on the plate.
 
     Parameters
@@ -20,6 +21,8 @@ def relief_section(found: Measurement, rows: tuple[int, ...]) -> Section:
         The measured object.
     rows
         Picture rows along which folds are looked for.
+    values
+        The surface as the reader of the page takes its values.
     """
     surface = found.surface
     sentences, tables = [], []
@@ -34,7 +37,8 @@ def relief_section(found: Measurement, rows: tuple[int, ...]) -> Section:
     else:
         sentences.append(f"The sections along rows {', '.join(map(str, rows))} show no ridge between two valleys.")
     figure = contour_map(surface.x, surface.y, surface.z)
-    item = FigureItem("Lines of equal height", figure, "Contour map, y up, lines at round heights.", "png")
+    alt = "Contour map, y up, lines at round heights."
+    item = FigureItem("Lines of equal height", figure, alt, "png", Live(values))
     return Section("Relief", tuple(sentences), tuple(tables), (item,))
 
 

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from fringecal.procedures.commission import Commissioning
 from fringecal.report.figures_maps import residual_map
-from fringecal.report.structure import FigureItem
+from fringecal.report.readable import Layer, ReadableMap, readable_picture
+from fringecal.report.structure import FigureItem, Live
 from fringecal.report.style import symmetric_limit
 from fringecal.uncertainty.estimates import Estimate
 
@@ -110,9 +111,15 @@ def residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureIt
             f"Map in the camera's picture on a scale of plus and minus {limit:.3f} rad, which "
             f"{100 * float(np.mean(np.abs(values[np.isfinite(values)]) > limit)):.1f} % of its values exceed.",
             "png",
+            Live(_readable(values, maps.cell_px)),
         )
         for caption, values, limit in shown
     ]
     smooth = residual_map(maps.smooth_rad, label="plate residual / rad", step_px=maps.cell_px)
     alt = f"Smooth map in the camera's picture, at most {float(np.nanmax(np.abs(maps.smooth_rad))):.3f} rad."
-    return (*items, FigureItem("Smooth plate residual taken up by the model", smooth, alt, "png"))
+    live = Live(_readable(maps.smooth_rad, maps.cell_px))
+    return (*items, FigureItem("Smooth plate residual taken up by the model", smooth, alt, "png", live))
+
+
+def _readable(residual_rad: Array, cell_px: int) -> ReadableMap:
+    return readable_picture(Layer("residual", "rad", residual_rad, 4), step_px=cell_px)

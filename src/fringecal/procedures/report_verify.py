@@ -9,15 +9,16 @@ import pandas as pd
 
 from fringecal.procedures.checks import verification_checks
 from fringecal.procedures.report_doctor import doctor_section
-from fringecal.procedures.report_parts import inputs_of_capture, phase_section, severest, stretch_of
+from fringecal.procedures.report_parts import inputs_of_capture, phase_section, severest
+from fringecal.procedures.report_surface import height_item, readable_surface, surface_item
 from fringecal.procedures.verification import Verification
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
-from fringecal.report.figures_maps import error_map, height_map
+from fringecal.report.figures_maps import error_map
 from fringecal.report.figures_profiles import profile_plot
-from fringecal.report.figures_surface import surface_view
 from fringecal.report.figures_tables import comparison_bars
-from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.readable import Layer
+from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
 from fringecal.verify.errors import ZigzagErrors
 from fringecal.verify.filters import models_table, ranking_table
 from fringecal.verify.profiles import ProfileCurve, ProfileErrors
@@ -281,24 +282,21 @@ def _surface_section(found: Verification) -> Section:
     surface, errors = found.surface, found.errors
     low, high = float(np.nanmin(surface.z)), float(np.nanmax(surface.z))
     seen = f"{100 * float(np.mean(surface.mask)):.1f} % of the picture has a height"
+    values = readable_surface(surface, Layer("error", "mm", errors.error_mm, 4))
     items = (
-        FigureItem(
-            "Height",
-            height_map(surface.x, surface.y, surface.z),
-            f"Height map, y up, {low:.1f} to {high:.1f} mm; {seen}.",
-            "png",
-        ),
+        height_item("Height", surface, values, f"Height map, y up, {low:.1f} to {high:.1f} mm; {seen}."),
         FigureItem(
             "Height error on the bars",
             error_map(surface.x, surface.y, errors.error_mm),
             f"Map of measured minus reference height, {errors.area.rms_mm:.4f} mm rms on the flanks.",
             "png",
+            Live(values),
         ),
-        FigureItem(
+        surface_item(
             "The bars in three dimensions",
-            surface_view(surface.x, surface.y, surface.z, exaggeration=stretch_of(surface)),
+            surface,
+            values,
             f"Oblique view of {found.pose.bars_seen} bars side by side on the plate.",
-            "png",
         ),
     )
     return Section("Surface", (f"{seen}.",), (), items)

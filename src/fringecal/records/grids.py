@@ -106,6 +106,35 @@ def regular_grid(
     return RegularGrid(nodes_x, nodes_y, np.vstack(blocks), spacing)
 
 
+def pixels_of_nodes(
+    x_mm: np.ndarray, y_mm: np.ndarray, nodes_x_mm: np.ndarray, nodes_y_mm: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Find the pixel that sees each node of a grid in the plate frame, of masked pixels too.
+
+    Parameters
+    ----------
+    x_mm, y_mm
+        Coordinates per pixel (H, W), mm, NaN where masked; there the nearest valid ones are continued.
+    nodes_x_mm, nodes_y_mm
+        Coordinates of the grid's columns (n,) and rows (m,), mm.
+
+    Returns
+    -------
+    rows, columns
+        Nearest pixel of every node (m, n), -1 where none sees it.
+
+    Raises
+    ------
+    RecordError
+        Shapes disagree, or too few pixels are valid to say where the others look.
+    """
+    demand_maps(x_mm, y_mm)
+    pixels = _map_pixels(x_mm, y_mm, np.isfinite(x_mm) & np.isfinite(y_mm))
+    found = _find_pixels(pixels, nodes_x_mm, nodes_y_mm)
+    rows, columns = (np.nan_to_num(np.rint(part), nan=-1).astype(int) for part in found)
+    return rows, columns
+
+
 def _nodes(values_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
     low, high = float(values_mm.min()), float(values_mm.max())
     # Half a millionth of a step over: the last sample is a node in spite of rounding.

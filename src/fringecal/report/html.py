@@ -1,13 +1,17 @@
-"""A report as one HTML file that needs nothing else: no network, no script, figures and tables inside."""
+"""A report as one HTML file that needs nothing else: no network, figures and tables inside, a script only for maps."""
 
 import base64
+import functools
+import gzip
 from dataclasses import dataclass
 from pathlib import Path
 
 import jinja2
+from matplotlib.axes import Axes
 
 from fringecal.records.files import write_text
-from fringecal.report.structure import FigureItem, Report, Table, slug
+from fringecal.report.readable import ReadableMap
+from fringecal.report.structure import FigureItem, Live, Report, Table, slug
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 
 
@@ -34,6 +38,17 @@ class _FigureView:
     uri: str
     width_px: int
     height_px: int
+    live: "_LiveView | None"
+
+
+@dataclass(frozen=True)
+class _LiveView:
+    """Where a figure's values stand in the page; `box` and `limits` place a flat map's axes in the picture."""
+
+    values_id: str
+    stretch: float | None
+    box: dict[str, str]
+    limits: str
 
 
 def render_html(report: Report) -> str:
@@ -43,7 +58,8 @@ def render_html(report: Report) -> str:
     ----------
     report
         What to say; text is escaped, figures are embedded as SVG or PNG, and each table can be
-        downloaded as CSV with all its digits.
+        downloaded as CSV with all its digits. Figures with values are read under the pointer, or turned,
+        by a script of the page's own; without it, and on paper, they are the same pictures.
     """
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fringecal.report"),
@@ -53,20 +69,32 @@ def render_html(report: Report) -> str:
         lstrip_blocks=True,
     )
     word, sign = DECISIONS[report.verdict.decision]
+    lives = [item.live for section in report.sections for item in section.figures if item.live]
+    # Figures of one object share its values: they stand in the page once.
+    values = {one: f"values-{n}" for n, one in enumerate(dict.fromkeys(live.values for live in lives), start=1)}
     sections = [
         {
             "title": section.title,
             "id": f"section-{number}",
             "sentences": section.sentences,
             "tables": [_view_table(table) for table in section.tables],
-            "figures": [_view_figure(item) for item in section.figures],
+            "figures": [_view_figure(item, values) for item in section.figures],
         }
         for number, section in enumerate(report.sections, start=1)
     ]
     files = inputs_table(report)
     page = environment.get_template("report.html.j2")
     inputs = _view_table(files) if files is not None else None
-    return page.render(report=report, word=word, sign=sign, sections=sections, inputs=inputs)
+    turns = any(live.stretch is not None for live in lives)
+    return page.render(
+        report=report,
+        word=word,
+        sign=sign,
+        sections=sections,
+        inputs=inputs,
+        values={name: one.text() for one, name in values.items()},
+        plotly=_plotly() if turns else "",
+    )
 
 
 def write_html(report: Report, path: str | Path) -> Path:
@@ -74,10 +102,33 @@ def write_html(report: Report, path: str | Path) -> Path:
     return write_text(path, render_html(report))
 
 
-def _view_figure(item: FigureItem) -> _FigureView:
+def _view_figure(item: FigureItem, values: dict[ReadableMap, str]) -> _FigureView:
     kind = "image/svg+xml" if item.encoding == "svg" else "image/png"
     width, height = (round(96 * inches) for inches in item.figure.get_size_inches())
-    return _FigureView(item.caption, item.alt, _data_uri(kind, figure_bytes(item)), width, height)
+    uri = _data_uri(kind, figure_bytes(item))  # the axes have their place once they are drawn
+    live = _view_live(item.live, item.figure.axes[0], values) if item.live else None
+    return _FigureView(item.caption, item.alt, uri, width, height, live)
+
+
+def _view_live(live: Live, axes: Axes, values: dict[ReadableMap, str]) -> _LiveView:
+    place = axes.get_position()
+    box = {"left": place.x0, "top": 1 - place.y1, "width": place.width, "height": place.height}
+    # From the left to the right edge of the axes, and from the top to the bottom one.
+    limits = (*axes.get_xlim(), *reversed(axes.get_ylim()))
+    return _LiveView(
+        values[live.values],
+        live.stretch,
+        {side: f"{100 * share:.3f}%" for side, share in box.items()},
+        " ".join(f"{limit:.7g}" for limit in limits),
+    )
+
+
+@functools.cache
+def _plotly() -> str:
+    """Return the library that turns surfaces, compressed: a page unpacks it when a reader asks for it."""
+    from plotly.offline import get_plotlyjs
+
+    return base64.b64encode(gzip.compress(get_plotlyjs().encode(), mtime=0)).decode("ascii")
 
 
 def _view_table(table: Table) -> _TableView:

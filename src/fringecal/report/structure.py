@@ -9,6 +9,8 @@ from typing import Literal
 import pandas as pd
 from matplotlib.figure import Figure
 
+from fringecal.report.readable import ReadableMap
+
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 
 
@@ -69,13 +71,27 @@ class Table:
 class FigureItem:
     """A figure with its caption and what it shows in words, for a reader who cannot see it.
 
-    `encoding` is ``"svg"`` for lines and small maps, ``"png"`` for dense maps and 3-D views.
+    `encoding` is ``"svg"`` for lines and small maps, ``"png"`` for dense maps and 3-D views. `live` lets the
+    reader of the page take values off the figure's first axes; on paper the figure is the same without it.
     """
 
     caption: str
     figure: Figure
     alt: str
     encoding: Literal["svg", "png"] = "svg"
+    live: "Live | None" = None
+
+
+@dataclass(frozen=True)
+class Live:
+    """What a figure shows, as numbers: read under the pointer, or turned in three dimensions.
+
+    `stretch` is the factor by which heights are stretched against x and y where the figure is a surface that can be
+    turned, and None where it is a flat map.
+    """
+
+    values: ReadableMap
+    stretch: float | None = None
 
 
 @dataclass(frozen=True)
