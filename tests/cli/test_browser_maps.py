@@ -16,6 +16,11 @@ from fringecal.report.structure import FigureItem, Live, Report, Section, Verdic
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 
 PITCH_MM = 0.5
+NODES = 101
+SMALL = {"width": 640, "height": 480}  # software draws every pixel of a surface
+TO_THE_MIDDLE = """(box, [x, y]) => box.scrollTo(
+    x * box.scrollWidth - box.clientWidth / 2, y * box.scrollHeight - box.clientHeight / 2)"""
+STEP_MM = 319 * PITCH_MM / (NODES - 1)
 # Software that stands in for a graphics card says how slow it is; that is no error.
 ERRORS = re.compile(r"^(error|http|ws)")
 PICTURE_CHANGES = 0.02  # share of pixels; a view turned by 30 degrees differs in far more, an idle one in none
@@ -33,7 +38,7 @@ def page_file(tmp_path_factory):
     dark = (x < -50) & (y > 30)
     x_mm, y_mm, z_mm = (np.where(dark, np.nan, part) for part in (x, y, height_of(x, y)))
     layers = (Layer("z", "mm", z_mm), Layer("u(z)", "mm", np.where(dark, np.nan, 0.0123), 4))
-    values = readable_plate(x_mm, y_mm, layers, masks={"too dark": dark})
+    values = readable_plate(x_mm, y_mm, layers, masks={"too dark": dark}, longest_side=NODES)
     residual = 0.001 * (column - 100.0) + 0.0 * row
     downwards = readable_picture(Layer("r", "rad", residual))
     figures = (
@@ -58,6 +63,7 @@ def point_at(page, caption, share_x, share_y):
     figure = page.locator("figure", has=page.locator("figcaption", has_text=caption))
     field = figure.locator(".probe")
     field.scroll_into_view_if_needed()
+    figure.locator(".box").evaluate(TO_THE_MIDDLE, [share_x, share_y])
     box = field.bounding_box()
     page.mouse.move(box["x"] + share_x * box["width"], box["y"] + share_y * box["height"])
     return figure.locator("output").inner_text()
@@ -74,16 +80,38 @@ def test_the_height_under_the_pointer_is_the_one_that_was_drawn(page, width, sha
     words = point_at(page, "Height", share_x, share_y)
     assert re.fullmatch(r"x \S+ mm, y \S+ mm: z \S+ mm, u\(z\) 0\.0123 mm", words), words
     x, y, z, _ = numbers(words)
-    # The axes span 320 x 240 pixels, y up; a node lies within half a step of 0.8 mm of the pointer, which stands on
-    # a whole pixel of the screen.
-    assert x == pytest.approx((share_x - 0.5) * 320 * PITCH_MM, abs=1.0)
-    assert y == pytest.approx((0.5 - share_y) * 240 * PITCH_MM, abs=1.0)
+    # The axes span 320 x 240 pixels, y up; a node lies within half a step of the pointer, which stands on a whole
+    # pixel of the screen, at most 0.4 mm.
+    reach = STEP_MM / 2 + 0.4
+    assert x == pytest.approx((share_x - 0.5) * 320 * PITCH_MM, abs=reach)
+    assert y == pytest.approx((0.5 - share_y) * 240 * PITCH_MM, abs=reach)
     # The value is that of the nearest pixel, half a pixel's diagonal away at most, on a slope below 0.4.
     assert z == pytest.approx(height_of(x, y), abs=0.4 * PITCH_MM)
 
 
-def test_a_masked_place_tells_why(page):
-    assert point_at(page, "Height", 0.05, 0.1).endswith(": no value (too dark)")
+@pytest.mark.parametrize("width", [400, 1400])
+@pytest.mark.parametrize("enlarged", [False, True])
+def test_what_is_read_is_what_is_seen_there(page, width, enlarged):
+    """Along a line through the masked corner, grey places have no value and coloured ones have one."""
+    page.set_viewport_size({"width": width, "height": 900})
+    figure = page.locator("figure").first
+    if enlarged:
+        figure.locator("button").click()
+    figure.locator(".probe").scroll_into_view_if_needed()
+    page.mouse.move(0, 0)
+    frame = figure.locator(".box").bounding_box()
+    shot = imread(io.BytesIO(page.screenshot()))[..., :3]
+    picture = figure.locator("img").bounding_box()
+    # Places by the picture, not by what lies over it: 0.2 to 0.45 of its width, at a quarter of its height.
+    row = picture["y"] + 0.25 * picture["height"]
+    grey, masked = [], []
+    for column in picture["x"] + picture["width"] * np.linspace(0.2, 0.45, 80):
+        if frame["x"] < column < frame["x"] + frame["width"] - 1:
+            page.mouse.move(column, row)
+            masked.append("no value (too dark)" in figure.locator("output").inner_text())
+            grey.append(np.ptp(shot[int(row), int(column)]) < 0.1)
+    assert 10 < sum(grey) < len(grey) - 10
+    assert np.sum(np.array(grey) != masked) <= 2  # at the border, where a node lies to either side
 
 
 def test_pictures_are_read_in_pixels_downwards(page):
@@ -101,8 +129,8 @@ def test_arrow_keys_move_the_place(page):
     page.keyboard.press("ArrowUp")
     page.keyboard.press("Shift+ArrowRight")
     x1, y1, z1, _ = numbers(output.inner_text())
-    step = 160 / 199  # of 160 mm over 200 nodes
-    assert (x1 - x0, y1 - y0) == (pytest.approx(10 * step, abs=0.11), pytest.approx(step, abs=0.11))
+    # Both places are printed to 0.1 mm.
+    assert (x1 - x0, y1 - y0) == (pytest.approx(10 * STEP_MM, abs=0.11), pytest.approx(STEP_MM, abs=0.11))
     assert z1 == pytest.approx(height_of(x1, y1), abs=0.4 * PITCH_MM)
 
 
@@ -110,9 +138,9 @@ def test_an_enlarged_map_is_read_as_well(page):
     figure = page.locator("figure").first
     figure.locator("button").click()
     figure.locator("[value='4']").check()
-    figure.locator(".box").evaluate("box => box.scrollTo(0.6 * box.scrollWidth, 0.7 * box.scrollHeight)")
     x, y, z, _ = numbers(point_at(page, "Height", 0.9, 0.9))
-    assert (x, y) == (pytest.approx(64, abs=0.6), pytest.approx(-48, abs=0.6))
+    # A pixel of the screen is 0.05 mm here.
+    assert (x, y) == (pytest.approx(64, abs=STEP_MM / 2 + 0.1), pytest.approx(-48, abs=STEP_MM / 2 + 0.1))
     assert z == pytest.approx(height_of(x, y), abs=0.4 * PITCH_MM)
 
 
@@ -147,11 +175,12 @@ def turning(page):
     stage.locator("canvas").first.wait_for(timeout=30_000)
     page.wait_for_function("document.querySelector('.stage').layout?.scene.camera.eye.x")
     stage.scroll_into_view_if_needed()
-    page.wait_for_timeout(500)
+    page.wait_for_timeout(200)
     return figure, stage
 
 
 def test_a_surface_is_turned_by_dragging_and_by_keys(page):
+    page.set_viewport_size(SMALL)
     figure, stage = turning(page)
     assert not figure.locator("img").is_visible()
     first = seen(stage)
@@ -163,7 +192,7 @@ def test_a_surface_is_turned_by_dragging_and_by_keys(page):
     page.mouse.down()
     page.mouse.move(middle[0] + 150, middle[1], steps=5)
     page.mouse.up()
-    page.wait_for_timeout(500)
+    page.wait_for_timeout(200)
     dragged = seen(stage)
     assert differing(first, dragged) > PICTURE_CHANGES
     stage.focus()
@@ -176,7 +205,7 @@ def test_a_surface_is_turned_by_dragging_and_by_keys(page):
     assert azimuth_deg(moved) - azimuth_deg(start) == pytest.approx(30)
     assert elevation_deg(moved) - elevation_deg(start) == pytest.approx(10)
     assert distance(moved) / distance(start) == pytest.approx(0.9)
-    page.wait_for_timeout(500)
+    page.wait_for_timeout(200)
     assert differing(dragged, seen(stage)) > PICTURE_CHANGES
     figure.locator(".turn").click()
     assert figure.locator("img").is_visible()
@@ -184,6 +213,7 @@ def test_a_surface_is_turned_by_dragging_and_by_keys(page):
 
 
 def test_a_surface_has_axes_with_units_and_its_gaps(page):
+    page.set_viewport_size(SMALL)
     _, stage = turning(page)
     words = stage.inner_text()
     data = page.evaluate("(({x, y, z}) => ({x, y, z}))(document.querySelector('.stage').data[0])")
@@ -200,15 +230,15 @@ def test_a_surface_has_axes_with_units_and_its_gaps(page):
     assert "z / mm" in words  # the scale of colours
 
 
-@pytest.mark.parametrize("width", [400, 1400])
-def test_everybody_can_use_it(page, width):
-    page.set_viewport_size({"width": width, "height": 900})
+def test_everybody_can_use_it(page):
+    page.set_viewport_size({"width": 400, "height": 700})
     figure, stage = turning(page)
-    for enlarged in (False, True):
-        if enlarged:
+    for width, enlarged in ((400, False), (1400, False), (1400, True), (400, True)):
+        page.set_viewport_size({"width": width, "height": 700})
+        if figure.evaluate("figure => figure.matches(':popover-open')") != enlarged:
             figure.locator("[popovertarget]").click()
-            page.wait_for_timeout(500)
             assert figure.bounding_box()["width"] == width
+        page.wait_for_timeout(300)
         found = axe.Axe().run(page)
         assert found.violations_count == 0, found.generate_report()
         assert page.evaluate("document.documentElement.scrollWidth") <= width
@@ -217,6 +247,7 @@ def test_everybody_can_use_it(page, width):
 
 
 def test_paper_shows_the_picture_alone(page):
+    page.set_viewport_size(SMALL)
     turning(page)
     page.emulate_media(media="print")
     assert [image.is_visible() for image in page.locator("img").all()] == [True] * 3

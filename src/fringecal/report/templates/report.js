@@ -101,7 +101,7 @@ class Probe {
 
 // ---- surfaces: turned in three dimensions, drawn by Plotly ---------------------------------------
 
-const VIEW = { x: 0.65, y: -1.4, z: 0.95 };
+const NARROW_PX = 600;
 
 async function loadPlotly() {
   if (window.Plotly) return;
@@ -131,6 +131,7 @@ class Stage {
     this.place = place;
     this.map = valuesOf(place.dataset.values);
     this.stretch = Number(place.dataset.stretch);
+    this.view = { x: 0.65, y: -1.4, z: 0.95 };
     const figure = place.closest("figure");
     this.picture = figure.querySelector(".box");
     this.output = figure.querySelector("output");
@@ -162,6 +163,9 @@ class Stage {
   async draw() {
     const canvas = document.createElement("canvas");
     if (!canvas.getContext("webgl2") && !canvas.getContext("webgl")) throw new Error("it has no WebGL.");
+    // A phone is higher than wide: from farther away the whole surface is seen, the scale of colours above it.
+    this.narrow = this.place.clientWidth < NARROW_PX;
+    if (this.narrow) for (const axis of "xyz") this.view[axis] *= 1.6;
     await loadPlotly();
     await Plotly.newPlot(this.place, [this.surface()], this.layout(), { displayModeBar: false });
     this.drawn = true;
@@ -172,6 +176,7 @@ class Stage {
     const axis = number => Array.from({ length: this.map.size[number] }, (_, n) => this.map.start[number] + n * this.map.step[number]);
     const lines = others.map(layer => rowsOf(this.map, layer, value => `<br>${layer.name} ${printed(value, layer.digits)} ${layer.unit}`));
     const digits = coordinateDigits(this.map);
+    const title = { text: `${height.name} / ${height.unit}` };
     return {
       type: "surface",
       x: axis(0),
@@ -179,7 +184,7 @@ class Stage {
       z: rowsOf(this.map, height, value => Number.isNaN(value) ? null : value),
       text: lines.length ? lines[0].map((row, j) => row.map((_, i) => lines.map(layer => layer[j][i]).join(""))) : undefined,
       colorscale: "Viridis",
-      colorbar: { title: { text: `${height.name} / ${height.unit}` }, thickness: 14, len: 0.7 },
+      colorbar: this.narrow ? { title, thickness: 10, orientation: "h", y: 1 } : { title, thickness: 14, len: 0.7 },
       hovertemplate: `x %{x:.${digits}f} mm<br>y %{y:.${digits}f} mm<br>${height.name} %{z:.${height.digits}f} ${height.unit}%{text}<extra></extra>`,
     };
   }
@@ -197,7 +202,7 @@ class Stage {
       scene: {
         aspectmode: "manual",
         aspectratio: { x, y, z },
-        camera: { eye: { ...VIEW } },
+        camera: { eye: { ...this.view } },
         xaxis: title(map.coordinates[0], map.unit),
         yaxis: title(map.coordinates[1], map.unit),
         zaxis: title(height.name, stretched),
@@ -207,7 +212,7 @@ class Stage {
 
   key(event) {
     if (!this.drawn) return;
-    const eye = event.key === "Home" ? { ...VIEW } : this.turned(event.key);
+    const eye = event.key === "Home" ? { ...this.view } : this.turned(event.key);
     if (!eye) return;
     event.preventDefault();
     Plotly.relayout(this.place, { "scene.camera.eye": eye });
