@@ -1,7 +1,6 @@
 """kill -9 at random moments of commission and audit: whole results or none, and a history of whole rows."""
 
 import hashlib
-import json
 import multiprocessing
 import os
 import random
@@ -20,10 +19,12 @@ from fringecal.records.calibration import CALIBRATION_FILE, read_calibration
 
 from .victims import PRELOAD, run
 
-KILLS = int(os.environ.get("FRINGECAL_KILLS", "2"))  # 200 take a quarter of an hour
-LINES = 26  # that a command prints, about; a moment is after one of them, so that all parts of the work have theirs
-PAUSE_S = 0.6
+KILLS = int(os.environ.get("FRINGECAL_KILLS", "2"))  # 200 take half an hour
 PATIENCE_S = 120
+VERBS = {"commission": CALIBRATION_FILE, "audit": AUDIT_FILE}
+# A moment is drawn up to so many seconds after something has happened. Whole runs take about ten; what is written is
+# moved into place within a tenth, and a row of the history within two hundredths.
+MOMENTS = {"record written": 0.12, "start": 10.0, "record in place": 0.04, "first result written": 4.0}
 ARCHIVE = max((Path(__file__).parents[1] / "records" / "archive").glob("[0-9]*"))
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="no fork server, and signals of another kind")
@@ -37,22 +38,39 @@ def context():
     return server
 
 
-def kill(context, arguments, line: int, pause_s: float) -> bool:
-    """Start a command and kill it `pause_s` after its line of that number; tell whether it was still at work."""
-    reader, writer = context.Pipe(duplex=False)
-    process = context.Process(target=run, args=([str(a) for a in arguments], writer))
+def kill(context, arguments, happened, pause_s: float) -> bool:
+    """Start a command and kill it `pause_s` after something happened; tell whether it was still at work."""
+    process = context.Process(target=run, args=([str(a) for a in arguments],))
     process.start()
-    writer.close()
-    with os.fdopen(os.dup(reader.fileno())) as lines:
-        for number, _ in enumerate(lines):
-            if number == line:
-                break
-        time.sleep(pause_s)
-        process.kill()
-        process.join(PATIENCE_S)
-    reader.close()
+    end = time.monotonic() + PATIENCE_S
+    while not happened() and process.is_alive():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+    process.join(pause_s)
+    process.kill()
+    process.join(PATIENCE_S)
     assert process.exitcode in (0, 3, -signal.SIGKILL)
     return process.exitcode < 0
+
+
+def happening(moment: str, out: Path, record: str):
+    """Return a function that tells whether a command has come so far."""
+    before = (out / record).stat().st_ino if (out / record).exists() else None
+    left = set(staged(out))  # by those that were killed earlier
+
+    def in_place() -> bool:
+        return (out / record).exists() and (out / record).stat().st_ino != before
+
+    def written() -> bool:
+        return in_place() or any((folder / record).exists() for folder in set(staged(out)) - left)
+
+    happened = {"first result written": lambda: in_place() or set(staged(out)) - left, "record written": written}
+    return {"start": lambda: True, "record in place": in_place, **happened}[moment]
+
+
+def staged(out: Path) -> list[Path]:
+    """Folders in which results are gathered before they move into place."""
+    return list(out.parent.glob(f".{out.name}.*.partial"))
 
 
 def demand_whole(folder: Path, record: str, pictures: int) -> None:
@@ -87,22 +105,23 @@ def rows_of(history: Path) -> set[str]:
 
 def test_kills_leave_whole_results_and_whole_rows(context, tmp_path):
     chance, history = random.Random(9), tmp_path / "history.db"
-    session, verbs = shutil.copytree(ARCHIVE / "session", tmp_path / "session"), ("commission", "audit")
-    killed, known = 0, set()
+    session = shutil.copytree(ARCHIVE / "session", tmp_path / "session")
+    killed, known = dict.fromkeys(MOMENTS, 0), set()
     for number in range(KILLS):
-        verb, record = verbs[number % 2], (CALIBRATION_FILE, AUDIT_FILE)[number % 2]
+        verb, moment = list(VERBS)[number % 2], list(MOMENTS)[number // 2 % len(MOMENTS)]
         # By turns into a folder of its own and over an older result.
-        out = tmp_path / (verb if number % 4 < 2 else f"{verb}-{number}")
+        out = tmp_path / (f"{verb}-{number}" if number // 8 % 2 else verb)
         more = () if verb == "commission" else ("--calibration", ARCHIVE)
         arguments = (verb, session, *more, "--out", out, "--history", history)
-        killed += kill(context, arguments, chance.randrange(LINES), chance.uniform(0, PAUSE_S))
-        demand_whole(out, record, pictures=3)
+        happened = happening(moment, out, VERBS[verb])
+        struck = kill(context, arguments, happened, chance.uniform(0, MOMENTS[moment]))
+        killed[moment] += struck
+        demand_whole(out, VERBS[verb], pictures=3)
         rows = rows_of(history)
         assert known <= rows
-        if (out / record).exists() and (sha := hashlib.sha256((out / record).read_bytes()).hexdigest()) in rows:
-            assert json.loads((out / record).read_text())["session"]["rig"] == "thesis"
-            known.add(sha)
-        known |= rows
-    assert killed > 0
-    if KILLS >= 50:  # enough that some must have come through, and others not
+        assert struck or hashlib.sha256((out / VERBS[verb]).read_bytes()).hexdigest() in rows
+        known = rows
+    assert sum(killed.values()) > 0
+    if KILLS >= 50:  # enough that every moment must have struck some at work, and that some must have come through
+        assert min(killed.values()) > 0, killed
         assert 0 < len(known) < KILLS
