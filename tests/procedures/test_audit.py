@@ -7,19 +7,22 @@ import numpy as np
 import pytest
 
 from fringecal.errors import DetectionError, FitError, SessionError
+from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.audit import Audit, audit
 from fringecal.procedures.audit_causes import CAUSES, rank_causes
 from fringecal.procedures.audit_changes import audit_checks, changes_of
+from fringecal.procedures.audit_doubt import light_doubt
 from fringecal.procedures.audit_observed import base_state
 from fringecal.procedures.audit_words import audit_sentence
 from fringecal.procedures.commission import commission
+from fringecal.procedures.frames import phase_of_capture
 from fringecal.procedures.recording import calibration_of, calibration_record
 from fringecal.procedures.recording_audit import audit_record
 from fringecal.procedures.report_parts import severest
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.moves import moved
 from fringecal.records.audit import read_audit, write_audit
-from fringecal.records.calibration import CalibrationRecord
+from fringecal.records.calibration import AppearanceRecord, CalibrationRecord
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
 from fringecal.targets import load_target
@@ -111,6 +114,56 @@ def test_another_strip_is_named(in_force, tmp_path):
     # The phase of a strip 3.3 % higher is that of 3.3 % more tangent: 3.3 % sin cos of 50.7 deg is 0.94 deg.
     angle = change_named(found, "projection angle, by the strips").found.value
     assert angle == pytest.approx(0.94, abs=0.06)
+
+
+def test_every_set_of_strips_is_compared(in_force, tmp_path):
+    rig = small_rig()
+    strips = next(c.model_dump() for c in rig.capture if c.name == "strips")
+    twice = rig.at(capture=[*(c.model_dump() for c in rig.capture), strips | {"name": "more strips"}])
+    stated = load_target("glass-strips")
+    other = type(stated).model_validate({**stated.model_dump(), "height_mm": {"value": 3.1, "u": 0.005}})
+    captures = ("reference", "strips", "more strips")
+    found = in_force.audited(taken(twice, tmp_path / "s", 6, captures=captures, targets={"more strips": other}))
+    assert found.causes[0].cause == "strips not as high as stated"
+    assert found.causes[0].amounts == {"strip height, set 2": pytest.approx(0.1 / 3, abs=2e-3)}
+    scales = [change_named(found, f"height scale, on {name}").found for name in captures[1:]]
+    # The first set is as it was, the second 3.33 % higher; phase is not quite in proportion to height.
+    assert abs(scales[0].value) < 4 * scales[0].u
+    assert scales[1].value == pytest.approx(100 * 0.1 / 3, abs=0.2)
+
+
+def test_strips_of_another_certificate_bring_their_own_doubt(in_force, tmp_path):
+    session = taken(small_rig(), tmp_path / "s", 6, captures=CAPTURES[1:])
+    same = in_force.audited(session)
+    strips = session.captures["strips"]
+    height = strips.target.height_mm.model_copy(update={"u": 0.03})  # 1 % of 3 mm
+    rougher = replace(strips, target=strips.target.model_copy(update={"height_mm": height}))
+    other = in_force.audited(replace(session, captures=session.captures | {"strips": rougher}))
+    u_same, u_other = (change_named(one, "height scale, on the strips").found.u for one in (same, other))
+    # Beside it stands the calibration's own strip, 0.005 of 3 mm, which no longer falls out.
+    assert u_other == pytest.approx(np.hypot(u_same, np.hypot(1.0, 100 * 0.005 / 3)), rel=0.02)
+
+
+def test_repeats_say_how_well_the_light_is_known():
+    once, twice = AppearanceRecord(), AppearanceRecord(repeats=3, scatter_contrast=0.03)
+    often = AppearanceRecord(repeats=12, scatter_contrast=0.012)
+    assert light_doubt("contrast", once, twice) == pytest.approx(np.hypot(light_doubt("contrast", once), 0.03))
+    assert light_doubt("contrast", often) == pytest.approx(0.012 * np.sqrt(11 / 9 / 12))  # JCGM 101, 6.4.9.4
+    assert light_doubt("contrast", AppearanceRecord(repeats=12, scatter_contrast=0.0)) == pytest.approx(0.002)
+
+
+def test_the_scatter_of_repeats_is_in_the_appearance(tmp_path):
+    shot = simulate_session(small_rig(), ["reference"], seed=7, with_truth=False)
+    frames = {}
+    for number, part in enumerate((1.0, 0.9, 1.1)):  # the lamp flickers by 10 %; nothing is saturated
+        frames |= {f"{number}-{name}": np.rint(part * f).astype(f.dtype) for name, f in shot.frames.items()}
+    (capture,) = shot.document["capture"]
+    document = shot.document | {"capture": [capture | {"images": list(frames), "repeat": 3}]}
+    write_session(tmp_path / "s", document, frames)
+    looks = appearance_of(phase_of_capture(load_session(tmp_path / "s").one("reference")), None)
+    assert looks.repeats == 3
+    assert looks.scatter_modulation == pytest.approx(0.1, abs=0.002)  # sd of 0.9, 1.0, 1.1; grey levels are whole
+    assert looks.scatter_contrast < 0.002  # a ratio of two lights that flicker together
 
 
 def test_a_record_says_it_all_and_is_read_back(in_force, tmp_path, unchanged):

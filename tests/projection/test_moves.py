@@ -134,6 +134,11 @@ def test_every_move_changes_something_and_none_is_nothing(rig):
     for name, move in MOVES.items():
         same, other = move(base, 0.0), move(base, 0.01)
         assert np.allclose(phases(same), phases(base), atol=1e-7), name
-        looks = (other.strip_scale, other.camera_blur_px2, other.fringe_blur_mm2, *phases(other).ravel())
+        looks = (
+            other.strip_scale * math.prod(other.set_scales.values()),
+            other.camera_blur_px2,
+            other.fringe_blur_mm2,
+            *phases(other).ravel(),
+        )
         before = (1.0, 0.0, 0.0, *phases(base).ravel())
         assert not np.allclose(looks, before, rtol=0, atol=1e-7), name

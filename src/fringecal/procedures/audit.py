@@ -11,7 +11,7 @@ from fringecal.errors import SessionError
 from fringecal.procedures.appearance import appearance_of
 from fringecal.procedures.artefacts import ArtefactVerification, verify_artefact
 from fringecal.procedures.audit_causes import CauseFit, rank_causes
-from fringecal.procedures.audit_doubt import Observed, covariance_of
+from fringecal.procedures.audit_doubt import Observed, covariance_of, light_doubt
 from fringecal.procedures.audit_layout import (
     PLATE_DEGREE,
     STRIPS_DEGREE,
@@ -50,7 +50,7 @@ class Audit:
     session, calibration
         The pictures, and the calibration in force.
     grid, plate, strips
-        What today's pictures show; None where the session has none.
+        What today's pictures show; None or empty where the session has none.
     layout, change, covariance
         The compared vector: what it holds, observed minus predicted, and the covariance of that.
     appearance, appearance_then
@@ -67,7 +67,7 @@ class Audit:
     calibration: RigCalibration
     grid: GridToday | None
     plate: PlateToday | None
-    strips: StripsToday | None
+    strips: tuple[StripsToday, ...]
     layout: Layout
     change: Array
     covariance: Array
@@ -122,10 +122,11 @@ def audit(
     """
     _demand(session, calibration, record)
     grid, plate, strips = _observe(session, calibration, record, progress)
-    layout = _layout(grid, plate, strips, record.appearance)
+    layout = _layout((grid, plate, strips), record.appearance)
     today = appearance_of(None if plate is None else plate.phase, None if grid is None else grid.detection)
     change = _change(layout, calibration, (grid, plate, strips), (record.appearance, today))
-    covariance = covariance_of(layout, calibration, (grid, plate, strips))
+    then = record.appearance or AppearanceRecord()
+    covariance = covariance_of(layout, calibration, (grid, plate, strips), light_doubt("contrast", then, today))
     found = Audit(
         session, calibration, grid, plate, strips, layout, change, covariance, today, record.appearance,
         notes=_notes(session, grid, plate, record),
@@ -155,31 +156,28 @@ def _demand(session: Session, calibration: RigCalibration, record: CalibrationRe
             demand_same_picture(capture, calibration)
 
 
-def _observe(
-    session: Session, calibration: RigCalibration, record: CalibrationRecord, progress: Progress
-) -> tuple[GridToday | None, PlateToday | None, StripsToday | None]:
-    grid = plate = strips = None
+def _observe(session: Session, calibration: RigCalibration, record: CalibrationRecord, progress: Progress) -> Observed:
+    grid = plate = None
+    strips: tuple[StripsToday, ...] = ()
     if session.find("grid"):
         progress("finding the grid")
         grid = grid_today(session, session.one("grid"), calibration, record.targets)
     if session.find("reference"):
         progress("phase of the bare plate")
         plate = plate_today(session.one("reference"), calibration)
-    if plate is not None and session.find("strips"):
-        progress("phase of the strips")
-        strips = strips_today(session.find("strips")[0], plate, calibration, record.targets)
+        for capture in session.find("strips"):
+            progress(f"phase of {capture.name}")
+            strips += (strips_today(capture, plate, calibration, record.targets),)
     return grid, plate, strips
 
 
-def _layout(
-    grid: GridToday | None, plate: PlateToday | None, strips: StripsToday | None, then: AppearanceRecord | None
-) -> Layout:
+def _layout(observed: Observed, then: AppearanceRecord | None) -> Layout:
+    grid, plate, strips = observed
     blur = None if then is None or grid is None else then.grid_blur_px
     return Layout(
         grid=grid is not None,
         plate=None if plate is None else plate.blocks,
-        strips=None if strips is None else strips.blocks,
-        strip_height_mm=np.zeros(0) if strips is None else strips.height_mm,
+        strips=tuple(one.tops for one in strips),
         blur_px=blur,
         contrast=plate is not None and then is not None and then.contrast is not None,
     )
@@ -198,8 +196,7 @@ def _change(
         parts.append(camera_quantities(grid.fit.camera) - camera_quantities(calibration.camera))
     if plate is not None:
         parts.append(terms_of_map(plate.change_rad, PLATE_DEGREE)[1:])
-    if strips is not None:
-        parts.append(terms_of_map(strips.change_rad, STRIPS_DEGREE))
+    parts += [terms_of_map(one.change_rad, STRIPS_DEGREE) for one in strips]
     if layout.blur_px is not None:
         parts.append(np.array([(now.grid_blur_px or 0.0) - layout.blur_px]))
     if layout.contrast and then is not None and then.contrast and now.contrast:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from fringecal.procedures.audit_layout import Layout
-from fringecal.projection.moves import RigState, has_lamp, moved
+from fringecal.projection.moves import MOST_SETS, RigState, has_lamp, moved
 
 Array = NDArray[np.float64]
 
@@ -16,6 +16,7 @@ _AXES = ("x", "y", "z")
 _LAMP = tuple(f"lamp along {a}" for a in _AXES)
 _AIMED = tuple(f"aimed lamp along {a}" for a in _AXES)
 _TURNED = tuple(f"lamp turned about {a}" for a in _AXES)
+_SETS = tuple(f"strip height, set {number + 1}" for number in range(MOST_SETS))
 _PLATE = ("plate tilt toward x", "plate tilt toward y")
 
 #: Every cause with its variants: the moves that are free in each.
@@ -37,7 +38,7 @@ CAUSES: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "projector refocused": (("fringe blur",),),
     "plate tilted": (_PLATE, (*_PLATE, "plate height")),
     "plate raised or lowered": (("plate height",),),
-    "strips not as high as stated": (("strip height",),),
+    "strips not as high as stated": (("strip height",), *((name,) for name in _SETS)),
 }
 
 #: Usual size of each move when it happens: mm, rad, relative; sets how much room a cause has.
@@ -58,7 +59,7 @@ SIZES: Mapping[str, float] = {
     "fringe blur": 1.0,
     **dict.fromkeys(_PLATE, 0.005),
     "plate height": 2.0,
-    "strip height": 0.05,
+    **dict.fromkeys(("strip height", *_SETS), 0.05),
 }
 _ROUNDS = 4
 _STEP = 1e-3  # of a move's usual size
@@ -112,14 +113,20 @@ def rank_causes(layout: Layout, base: RigState, change: Array, covariance: Array
     whitening = np.linalg.cholesky(np.linalg.inv(covariance)).T
     best = []
     for cause, variants in CAUSES.items():
-        fits = [_fit(cause, moves, layout, base, change, whitening) for moves in variants if _possible(moves, base)]
+        possible = (moves for moves in variants if _possible(moves, base, len(layout.strips)))
+        fits = [_fit(cause, moves, layout, base, change, whitening) for moves in possible]
         if fits:
             best.append(max(fits, key=lambda fit: fit.log_evidence))
     return tuple(sorted(best, key=lambda fit: -fit.log_evidence))
 
 
-def _possible(moves: Sequence[str], base: RigState) -> bool:
-    """Leave out what a rig cannot do: a telecentric camera has no height, parallel light no lamp."""
+def _possible(moves: Sequence[str], base: RigState, sets: int) -> bool:
+    """Leave out what a rig cannot do: a telecentric camera has no height, parallel light no lamp.
+
+    One set of strips alone is in question only where there are `sets` of them.
+    """
+    if any(name in moves for name in (_SETS if sets < 2 else _SETS[sets:])):
+        return False
     if base.camera.telecentric and any(m.startswith(("camera tilt", "camera height", "focal")) for m in moves):
         return False
     return has_lamp(base.model) or not any("lamp" in m or m == "slide turn" for m in moves)

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fringecal.procedures.audit import CHANCE, Audit
+from fringecal.procedures.audit_doubt import light_doubt
 from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, strip_step
-from fringecal.procedures.audit_observed import PlateToday, base_state
+from fringecal.procedures.audit_observed import PlateToday, StripsToday, base_state
 from fringecal.procedures.checks import artefact_checks, judged, verification_checks
 from fringecal.projection.angle import angle_estimate
 from fringecal.projection.calibration import RigCalibration
@@ -152,18 +153,22 @@ def _form(calibration: RigCalibration, plate: PlateToday) -> Estimate:
 
 def _strips(found: Audit, limits: Limits) -> Iterator[Change]:
     """Return the change of the strips' height as the calibration in force reads it, and of the angle it stands for."""
-    if found.strips is None:
-        return
-    part, blocks = found.layout.parts["strips"], found.strips.blocks
-    step = strip_step(base_state(found.calibration), blocks, found.strips.height_mm)
-    weights = np.zeros(found.change.size)
-    weights[part] = 100 * (blocks.design(STRIPS_DEGREE) / step[:, None]).mean(axis=0)
-    scale = _combined(found, weights, "%", "height scale")
-    yield Change("height scale, on the strips", scale, limits.audit.height_scale_percent)
     angle = math.radians(angle_estimate(found.calibration)[0].value)
     per_percent = math.degrees(math.sin(angle) * math.cos(angle)) / 100
-    turned = Estimate(scale.value * per_percent, abs(scale.u * per_percent), "deg", "projection angle")
-    yield Change("projection angle, by the strips", turned, limits.audit.angle_deg)
+    for strips, part in zip(found.strips, found.layout.strip_parts, strict=True):
+        scale = _height_scale(found, strips, part)
+        turned = Estimate(scale.value * per_percent, abs(scale.u * per_percent), "deg", "projection angle")
+        which = "the strips" if len(found.strips) == 1 else strips.phase.capture.name
+        yield Change(f"height scale, on {which}", scale, limits.audit.height_scale_percent)
+        yield Change(f"projection angle, by {which}", turned, limits.audit.angle_deg)
+
+
+def _height_scale(found: Audit, strips: StripsToday, part: slice) -> Estimate:
+    """Return the mean change of one set of strips in percent of their step."""
+    step = strip_step(base_state(found.calibration), strips.tops)
+    weights = np.zeros(found.change.size)
+    weights[part] = 100 * (strips.tops.blocks.design(STRIPS_DEGREE) / step[:, None]).mean(axis=0)
+    return _combined(found, weights, "%", "height scale")
 
 
 def _light(found: Audit, limits: Limits) -> Iterator[Change]:
@@ -177,18 +182,18 @@ def _light(found: Audit, limits: Limits) -> Iterator[Change]:
             full = np.zeros(found.change.size)
             full[parts[name]] = factor
             yield Change(_LOOKS[name], _combined(found, full, unit, name), limit)
+    doubts = {"modulation": light_doubt("modulation", then, now), "noise": _U_NOISE}
     for name, limit in (("modulation", own.modulation_percent), ("noise", own.noise_percent)):
         today, once = getattr(now, f"{name}_levels"), getattr(then, f"{name}_levels")
         if today and once:
-            change = Estimate(100 * (today / once - 1), 100 * _U_LIGHT[name], "%", name)
+            change = Estimate(100 * (today / once - 1), 100 * doubts[name], "%", name)
             yield Change(_LOOKS[name], change, limit)
     if now.harmonic is not None and then.harmonic is not None:
         u = math.hypot(now.u_harmonic or 0.0, then.u_harmonic or 0.0)
         yield Change("second harmonic", Estimate(now.harmonic - then.harmonic, u, "", "harmonic"), own.harmonic)
 
 
-#: Relative repeatability of what lamp, exposure and estimator give: the light to 1 %, a noise estimate to 5 %.
-_U_LIGHT = {"modulation": 0.01, "noise": 0.05}
+_U_NOISE = 0.05  # relative repeatability of a noise estimate
 _LOOKS = {
     "blur": "blur of the grid's lines",
     "contrast": "contrast of the fringes",

@@ -18,6 +18,7 @@ Mask = NDArray[np.bool_]
 BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, waves longer than two blocks stay
 _LEAST_SHARE = 0.1  # of a block's pixels; a mean of fewer is noise
 PLATE_DEGREE, STRIPS_DEGREE = 3, 1
+STRIPS_TERMS = 3  # of degree 1 over the picture
 _PIXELS = 200_000  # of a map that are fitted; noise of 0.02 rad leaves less than 1e-4
 CAMERA_QUANTITIES = ("horizontal scale", "vertical scale", "tilt toward x", "tilt toward y", "distortion")
 
@@ -78,6 +79,14 @@ def block_means(values: Array, valid: Mask) -> Blocks:
 
 
 @dataclass(frozen=True)
+class StripBlocks:
+    """Strip tops of one capture: blocks of their step over the plate, and the stated height at each, (n,)."""
+
+    blocks: Blocks
+    height_mm: Array
+
+
+@dataclass(frozen=True)
 class Layout:
     """Which quantities an audit has, and how a rig predicts them.
 
@@ -85,10 +94,10 @@ class Layout:
     ----------
     grid
         Whether the camera on the plate was measured anew.
-    plate, strips
-        Blocks of the bare plate and of strip tops; None where there are none.
-    strip_height_mm
-        Stated height at each block of strips, (n,).
+    plate
+        Blocks of the bare plate; None where there is none.
+    strips
+        Strip tops, one capture of strips after the other.
     blur_px
         Blur of the grid's lines at the calibration, None where it is not compared.
     contrast
@@ -97,8 +106,7 @@ class Layout:
 
     grid: bool
     plate: Blocks | None
-    strips: Blocks | None
-    strip_height_mm: Array
+    strips: tuple[StripBlocks, ...]
     blur_px: float | None
     contrast: bool
 
@@ -108,21 +116,27 @@ class Layout:
         sizes = {
             "camera": len(CAMERA_QUANTITIES) if self.grid else 0,
             "plate": 0 if self.plate is None else self.plate.design(PLATE_DEGREE).shape[1] - 1,
-            "strips": 0 if self.strips is None else self.strips.design(STRIPS_DEGREE).shape[1],
+            "strips": STRIPS_TERMS * len(self.strips),
             "blur": 0 if self.blur_px is None else 1,
             "contrast": int(self.contrast),
         }
         ends = np.cumsum(list(sizes.values()))
         return {name: slice(int(end) - size, int(end)) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
+    @property
+    def strip_parts(self) -> tuple[slice, ...]:
+        """Place of each capture of strips in the vector."""
+        start = self.parts["strips"].start
+        return tuple(slice(start + STRIPS_TERMS * k, start + STRIPS_TERMS * (k + 1)) for k in range(len(self.strips)))
+
     def predict(self, state: RigState) -> Array:
         """Return the vector that a rig shows: camera, plate (rad), strips (rad), blur (px), log of the contrast."""
         parts = [camera_quantities(state.camera)] if self.grid else []
         if self.plate is not None:
             parts.append(coefficients(self.plate, plate_phase(state, self.plate), PLATE_DEGREE)[1:])
-        if self.strips is not None:
-            step = strip_step(state, self.strips, self.strip_height_mm)
-            parts.append(coefficients(self.strips, step, STRIPS_DEGREE))
+        for number, strips in enumerate(self.strips):
+            step = strip_step(state, strips, number)
+            parts.append(coefficients(strips.blocks, step, STRIPS_DEGREE))
         if self.blur_px is not None:
             parts.append(np.array([math.sqrt(max(self.blur_px**2 + state.camera_blur_px2, 0.0))]))
         if self.contrast:
@@ -141,10 +155,10 @@ def plate_phase(state: RigState, blocks: Blocks) -> Array:
     return state.model.phase(rays.ax, rays.ay, 0.0)
 
 
-def strip_step(state: RigState, blocks: Blocks, height_mm: Array) -> Array:
-    """Return the phase of strips over that of the plate behind them at the blocks, rad."""
-    rays = state.camera.rays(blocks.u_px, blocks.v_px)
-    z = state.strip_scale * height_mm
+def strip_step(state: RigState, strips: StripBlocks, number: int = 0) -> Array:
+    """Return the phase of the strips of a capture over that of the plate behind them at the blocks, rad."""
+    rays = state.camera.rays(strips.blocks.u_px, strips.blocks.v_px)
+    z = state.strip_scale * state.set_scales.get(number, 1.0) * strips.height_mm
     return np.asarray(state.model.phase(*rays.at(z), z) - state.model.phase(rays.ax, rays.ay, 0.0))
 
 

@@ -13,7 +13,7 @@ from fringecal.camera.plate_fit import CameraFit
 from fringecal.detect.grid import GridDetection, find_grid
 from fringecal.errors import SessionError
 from fringecal.phase.unwrap import unwrap
-from fringecal.procedures.audit_layout import Blocks, block_means, strip_step
+from fringecal.procedures.audit_layout import Blocks, StripBlocks, block_means, strip_step
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.procedures.lens import known_lens
 from fringecal.projection.calibration import RigCalibration
@@ -54,13 +54,17 @@ class PlateToday:
 
 @dataclass(frozen=True)
 class StripsToday:
-    """Today's strips: change of their step over the plate (rad, (H, W)), blocks of it, stated height at each block."""
+    """Today's strips: change of their step over the plate (rad, (H, W)), and blocks of it.
+
+    `same_strips` tells whether they are those of the calibration; `u_height` is the relative standard uncertainty of
+    their height.
+    """
 
     phase: CapturePhase
     change_rad: Array
-    blocks: Blocks
-    height_mm: Array
+    tops: StripBlocks
     same_strips: bool
+    u_height: float
 
 
 def base_state(calibration: RigCalibration) -> RigState:
@@ -184,8 +188,10 @@ def strips_today(
     blocks = block_means(np.nan_to_num(change), inside)
     if blocks.value.size < 6:
         raise SessionError([f"capture {capture.name!r}: too few pixels of strips to compare; light the strips"])
-    height = block_means(heights, inside).value
-    return StripsToday(phase, change, blocks, height, same_target(target, targets))
+    tops = StripBlocks(blocks, block_means(heights, inside).value)
+    height = target.height_mm
+    u_height = max(u / value for u, value in zip(height.us, height.values, strict=True))
+    return StripsToday(phase, change, tops, same_target(target, targets), u_height)
 
 
 def _inner(found: StripPhase) -> NDArray[np.bool_]:
@@ -201,7 +207,7 @@ def _heights(found: StripPhase, step: Array, inside: NDArray[np.bool_], state: R
         heights = by_label[found.regions.labels]
         blocks = block_means(heights, inside)
         u, v = np.rint(blocks.u_px).astype(int), np.rint(blocks.v_px).astype(int)
-        rest = np.angle(np.exp(1j * (step[v, u] - strip_step(state, blocks, heights[v, u]))))
+        rest = np.angle(np.exp(1j * (step[v, u] - strip_step(state, StripBlocks(blocks, heights[v, u])))))
         rest = rest[inside[v, u]]
         score = float(np.mean(np.abs(rest))) if rest.size else np.inf
         if best is None or score < best[0]:

@@ -41,7 +41,7 @@ def amount_unit(name: str) -> tuple[str, float]:
     """Return the unit in which a move is told, and the factor to it from `MOVES`' own."""
     if "tilt" in name or "turn" in name or name == "camera roll":
         return "deg", 180 / math.pi
-    if name in ("focal length", "slide pitch", "strip height"):
+    if name in ("focal length", "slide pitch") or name.startswith("strip height"):
         return "%", 100.0
     return {"lens blur": "px^2", "fringe blur": "mm^2", "lens distortion": "k1"}.get(name, "mm"), 1.0
 

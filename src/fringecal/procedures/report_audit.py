@@ -35,7 +35,7 @@ def audit_report(
         The laboratory's limits.
     """
     checks, changes = audit_checks(found, limits), changes_of(found, limits)
-    phases = tuple(part.phase for part in (found.plate, found.strips) if part is not None)
+    phases = tuple(part.phase for part in (found.plate, *found.strips) if part is not None)
     captures = found.session.captures.values()
     return Report(
         title=f"Audit of {found.session.rig}",
@@ -125,7 +125,8 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
 
 def _maps_section(found: Audit) -> tuple[Section, ...]:
     figures = []
-    for name, part in (("plate phase", found.plate), ("strips' step", found.strips)):
+    strips = ((f"step of {one.phase.capture.name}", one) for one in found.strips)
+    for name, part in (("plate phase", found.plate), *strips):
         if part is not None:
             change = part.change_rad
             rms = float(np.sqrt(np.nanmean(change**2)))

@@ -6,7 +6,7 @@ define anew. The plate's smooth residual goes with its plate points: moves are s
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,8 @@ from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
 from fringecal.projection.rig import RigModel, projector_line, projector_point
 
 Array = NDArray[np.float64]
+
+MOST_SETS = 4  # of strips, each of which can be another than stated
 
 
 @dataclass(frozen=True)
@@ -25,8 +27,8 @@ class RigState:
     ----------
     camera, model
         The camera on the plate, and the phase in space.
-    strip_scale
-        True over stated height of the strips.
+    strip_scale, set_scales
+        True over stated height of all strips, and of single sets of them by number, on top of it.
     camera_blur_px2, fringe_blur_mm2
         Change of the variance of the camera's blur in px^2, and of the fringes' on the plate in mm^2.
     """
@@ -36,6 +38,7 @@ class RigState:
     strip_scale: float = 1.0
     camera_blur_px2: float = 0.0
     fringe_blur_mm2: float = 0.0
+    set_scales: Mapping[int, float] = field(default_factory=dict)
 
 
 def moved(state: RigState, amounts: Mapping[str, float]) -> RigState:
@@ -206,6 +209,14 @@ def _strips_changed(state: RigState, relative: float) -> RigState:
     return replace(state, strip_scale=state.strip_scale * (1 + relative))
 
 
+def _set_changed(number: int) -> Callable[[RigState, float], RigState]:
+    def changed(state: RigState, relative: float) -> RigState:
+        own = state.set_scales.get(number, 1.0) * (1 + relative)
+        return replace(state, set_scales={**state.set_scales, number: own})
+
+    return changed
+
+
 def _lens_blurred(state: RigState, amount_px2: float) -> RigState:
     return replace(state, camera_blur_px2=state.camera_blur_px2 + amount_px2)
 
@@ -253,4 +264,5 @@ MOVES: Mapping[str, Callable[[RigState, float], RigState]] = {
     "plate tilt toward y": _plate_tilted(1),
     "plate height": _plate_raised,
     "strip height": _strips_changed,
+    **{f"strip height, set {number + 1}": _set_changed(number) for number in range(MOST_SETS)},
 }

@@ -228,6 +228,9 @@ class AppearanceRecord(Part):
     noise_levels: float | None = Field(default=None, ge=0, description="of one picture at the median background")
     harmonic: float | None = Field(default=None, ge=0, description="second harmonic of the fringes over the first")
     u_harmonic: Uncertainty | None = None
+    repeats: int = Field(default=1, ge=1, description="sets of the bare plate")
+    scatter_modulation: float | None = Field(default=None, ge=0, description="relative sd from set to set of repeats")
+    scatter_contrast: float | None = Field(default=None, ge=0, description="as scatter_modulation")
 
 
 class CalibrationRecord(Provenance):
