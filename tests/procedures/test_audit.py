@@ -80,16 +80,18 @@ def test_an_unchanged_rig_passes(unchanged):
     # A grid of 320 x 240 px tells a tilt to 0.06 deg only: within 0.1 deg, but not for certain.
     assert severest(tuple(checks.values())) in {"pass", "conditionalPass"}
     assert audit_sentence(unchanged).startswith("The rig is as calibrated")
-    # Twenty numbers that are chance: none beyond four standard uncertainties, and not all far below one.
+    # Twenty numbers that are chance: none beyond four standard uncertainties, and not all far below one. Over 41
+    # audits of 14 such rigs their rms is 0.87.
     z = unchanged.change / np.sqrt(np.diag(unchanged.covariance))
-    assert 0.2 < np.sqrt(np.mean(z**2)) < 1.5
+    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.4
     assert np.abs(z).max() < 4
 
 
 def test_what_is_compared_has_the_issues_sensitivity(unchanged):
     # A camera 5 mm lower is 0.33 % of scale, a strip of 3.1 mm 3.3 % of height.
     assert change_named(unchanged, "scale").detection_limit < 0.33 / 3
-    assert change_named(unchanged, "height scale, on the strips").detection_limit < 3.3 / 10
+    # The strips themselves are known to 0.17 % only: that they are the same ones must have fallen out.
+    assert change_named(unchanged, "height scale, on the strips").found.u < 0.5 * 100 * 0.005 / 3
 
 
 def test_a_lowered_camera_is_named(in_force, tmp_path):

@@ -16,13 +16,13 @@ from fringecal.records.calibration import AppearanceRecord
 Array = NDArray[np.float64]
 type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]
 
-_FLOOR_RAD = 5e-4  # ripple and texture that no polynomial and no cause describes
+_FLOOR_RAD = 2e-4  # ripple of 0.02 rad over fifty fringes leaves so much of itself in a smooth term
 _FLOOR_PX = 0.02  # of the corner, likewise
-_U_BLUR_PX = 0.02  # how well one picture of a grid tells its blur: width and blur of a line are fitted together
+_U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 0.0075 px over virtual rigs
 _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
 _U_LIGHT_LEAST = 0.002  # what no number of repeats within minutes says of the next month
 _ENOUGH_REPEATS = 4  # from so many on, their scatter has a standard deviation at all (JCGM 101:2008, 6.4.9.4)
-_SCATTER = ("phase scatter", "grid crossings")  # causes of doubt that two sessions do not share
+_OF_THE_CAMERA = ("grid pitch", "camera height", "principal point", "camera tilt", "lens")  # the same in both sessions
 
 
 def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observed, u_contrast: float) -> Array:
@@ -36,8 +36,8 @@ def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observe
     total = np.zeros((size, size))
     if grid is not None:
         total[parts["camera"], parts["camera"]] += _camera_scatter(grid)
-    if plate is not None:
-        total[parts["plate"], parts["plate"]] += _scatter(plate.blocks, PLATE_DEGREE)[1:, 1:]
+    if plate is not None:  # the calibration follows its own plate's scatter, as large as today's
+        total[parts["plate"], parts["plate"]] += 2 * _scatter(plate.blocks, PLATE_DEGREE)[1:, 1:]
     for today, part in zip(strips, layout.strip_parts, strict=True):
         total[part, part] += _scatter(today.tops.blocks, STRIPS_DEGREE)
     total += _calibration_doubt(layout, calibration, observed)
@@ -51,11 +51,11 @@ def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observe
 
 
 def _scatter(blocks: Blocks, degree: int) -> Array:
-    """Covariance of the terms from the scatter of the blocks, twice: the calibration's plate is as noisy."""
+    """Covariance of the terms from the scatter of the blocks."""
     design = blocks.design(degree)
     left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
     variance = float(left @ left) / max(left.size - design.shape[1], 1)
-    return 2 * variance * np.linalg.inv(design.T @ design)
+    return variance * np.linalg.inv(design.T @ design)
 
 
 def _camera_scatter(grid: GridToday) -> Array:
@@ -73,21 +73,38 @@ def _camera_scatter(grid: GridToday) -> Array:
 
 
 def _calibration_doubt(layout: Layout, calibration: RigCalibration, observed: Observed) -> Array:
-    """Covariance of what the calibration predicts: causes that today's session does not share."""
+    """Covariance of what the calibration predicts, from every cause that does not fall out of the comparison.
+
+    Each cause's effect is what an unchanged rig would show today if the cause were one standard uncertainty off: the
+    rig as it then is, less the rig as it was calibrated.
+    """
     grid, _, strips = observed
     base = base_state(calibration)
     start = layout.predict(base)
-    others = {number: 1 + one.u_height for number, one in enumerate(strips) if not one.same_strips}
-    effects = [layout.predict(replace(base, set_scales=others)) - start] if others else []
+    scales = {number: 1 + one.u_height for number, one in enumerate(strips)}
+    same = {number: scales[number] for number, one in enumerate(strips) if one.same_strips}
+    others = {number: scales[number] for number in scales if number not in same}
+    effects = [layout.predict(replace(base, set_scales=others)) - start]
+    labels = [mode.label for mode in calibration.modes]
     for mode in calibration.modes:
-        other_sheet = mode.label == "grid pitch" and grid is not None and not grid.same_sheet
-        if mode.label in _SCATTER or other_sheet or (mode.label == "strip height" and others):
-            effect = layout.predict(base_state(calibration.shifted(mode))) - start
-            if mode.label == "strip height":
-                for number in set(range(len(strips))) - set(others):
-                    effect[layout.strip_parts[number]] = 0.0  # the same strips are as wrong today as they were
-            effects.append(effect)
+        if mode.label.startswith(_OF_THE_CAMERA) and (mode.label != "grid pitch" or grid is None or grid.same_sheet):
+            continue
+        state = base_state(calibration.shifted(mode))
+        if mode.label == "strip height":  # the same strips lie there today, as far from what is stated as they were
+            state = replace(state, set_scales=same)
+        effect = layout.predict(state) - start
+        for part in _cancelled(mode.label, layout, strips, alone=labels.count("strip height") == 1):
+            effect[part] = 0.0
+        effects.append(effect)
     return sum((np.outer(effect, effect) for effect in effects), np.zeros((start.size, start.size)))
+
+
+def _cancelled(label: str, layout: Layout, strips: tuple[StripsToday, ...], *, alone: bool) -> tuple[slice, ...]:
+    """Return the parts of the vector in which a cause falls out, where its effect does not show that by itself."""
+    if label == "strip height" and not alone:  # of strips of several heights, whose modes do not say which is whose
+        return tuple(part for part, one in zip(layout.strip_parts, strips, strict=True) if one.same_strips)
+    # What scatter does to the seven numbers, the plate's residual undoes where both were measured: on the plate.
+    return (layout.parts["plate"],) if label == "phase scatter" else ()
 
 
 def light_doubt(name: Literal["modulation", "contrast"], *looks: AppearanceRecord) -> float:
