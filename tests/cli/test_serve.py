@@ -1,18 +1,21 @@
 """`fringecal serve`: pages of a history, read only, under its own name."""
 
 import html
+import json
 import re
 import threading
 import urllib.request
+from pathlib import Path
 
 import pytest
 
 from fringecal.errors import FringecalError
-from fringecal.history.entries import Entry, Reading
+from fringecal.history.entries import Entry, Reading, read_entry
 from fringecal.history.store import open_history
 
 flask = pytest.importorskip("flask", reason="the extra serve is not installed")
 
+ARCHIVE = max((Path(__file__).parents[1] / "records" / "archive").glob("[0-9]*")) / "calibration.json"
 NASTY = "<b>rig</b>/../2 & more"
 
 
@@ -63,6 +66,68 @@ def test_every_link_of_every_page_leads_somewhere(client):
     assert f"/record/{1:064x}" in seen
     assert "/report?name=bench-1" in seen
     assert client.get(f"/record/{1:064x}").json == {"number": 1}
+
+
+@pytest.fixture
+def calibrations(tmp_path):
+    """A history with two calibrations of one rig, the second with a scale larger by 0.2 %, and another rig's."""
+    made = []
+    for number, rig in enumerate(("thesis", "thesis", "another")):
+        document = json.loads(ARCHIVE.read_text(encoding="utf-8"))
+        document["session"].update(rig=rig, captured=f"2026-0{1 + number}-01T08:00:00Z")
+        document["camera"]["parameters"][0] *= 1.002**number
+        path = tmp_path / f"{number}.json"
+        path.write_text(json.dumps(document), encoding="utf-8")
+        made.append(read_entry(path))
+    with open_history(tmp_path / "two.db") as history:
+        history.append(made)
+    return str(tmp_path / "two.db"), [one.sha256 for one in made]
+
+
+@pytest.fixture
+def choosing(calibrations):
+    from fringecal.cli.serve import dashboard
+
+    return dashboard(calibrations[0]).test_client(), calibrations[1]
+
+
+def test_two_calibrations_are_chosen_on_the_rigs_page(choosing):
+    client, (first, second, _) = choosing
+    page = client.get("/rig?name=thesis").text
+    assert re.findall(r'<option value="(\w+)"( selected)?>', page) == [
+        (second, ""), (first, " selected"), (second, " selected"), (first, "")
+    ]  # fmt: skip
+    assert '<form action="/compare" method="get">' in page
+    assert "<form" not in client.get("/rig?name=another").text  # one calibration has nothing beside it
+
+
+def test_two_calibrations_beside_each_other(choosing):
+    client, (first, second, _) = choosing
+    page = client.get(f"/compare?first={first}&second={second}")
+    assert page.status_code == 200
+    assert "First: 2026-01-01 08:00; second: 2026-02-01 08:00" in page.text
+    assert "scale, horizontal (En +" in page.text
+    assert page.text.count("<figure") == 3  # En by quantity, and both rigs
+    assert "<script" not in page.text
+    policy = page.headers["Content-Security-Policy"]
+    assert "form-action 'self'" in policy
+    assert "script-src" not in policy
+
+
+@pytest.mark.parametrize("query", ["", "?first={0}", "?first={0}&second=none", "?first=../../etc/passwd&second={0}"])
+def test_a_comparison_needs_two_records(choosing, query):
+    client, hashes = choosing
+    assert client.get("/compare" + query.format(*hashes)).status_code == 404
+
+
+def test_what_cannot_be_compared_says_why(choosing, client):
+    other, (first, _, another) = choosing
+    page = other.get(f"/compare?first={first}&second={another}")
+    assert page.status_code == 400
+    assert "one rig were needed, found those of thesis and another" in page.text
+    page = client.get(f"/compare?first={0:064x}&second={1:064x}")  # documents of no format at all
+    assert page.status_code == 400
+    assert "record 000000000000: format is None" in html.unescape(page.text)
 
 
 @pytest.mark.parametrize(

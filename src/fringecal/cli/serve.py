@@ -7,7 +7,7 @@ import typer
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import DB
-from fringecal.errors import FringecalError
+from fringecal.errors import FringecalError, RecordError
 
 if TYPE_CHECKING:
     import flask
@@ -20,7 +20,7 @@ Needs the extra `serve`.
 Example: fringecal serve --db history.db --port 8050
 """
 LOOPBACK = ("127.0.0.1", "localhost", "::1")
-_NO_SCRIPT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'"
+_NO_SCRIPT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'self'"
 
 
 def register(app: typer.Typer) -> None:
@@ -123,18 +123,39 @@ def _routes(app: "flask.Flask", db: str) -> None:
 
     @app.get("/record/<sha256>")
     def record(sha256: str) -> "flask.Response":
-        with open_history(db, create=False) as history:
-            text = history.document(sha256)
-        if text is None:
-            flask.abort(404)
-        return flask.Response(text, mimetype="application/json")
+        return flask.Response(_document(db, sha256), mimetype="application/json")
+
+    @app.get("/compare")
+    def compare() -> str:
+        return _comparison(db, *(flask.request.args.get(key, "") for key in ("first", "second")))
 
     @app.errorhandler(Exception)
     def refuse(error: Exception) -> tuple[str, int]:
-        code = int(getattr(error, "code", None) or 500)
+        code = int(getattr(error, "code", None) or (400 if isinstance(error, RecordError) else 500))
         words = {403: "Ask for this page under its own address.", 404: "There is no such rig or record."}
         told = str(error) if isinstance(error, FringecalError) else words.get(code, "This page cannot be shown.")
         return message_page("Not to be had", told), code
+
+
+def _document(db: str, sha256: str) -> str:
+    import flask
+
+    from fringecal.history.store import open_history
+
+    with open_history(db, create=False) as history:
+        text = history.document(sha256)
+    if text is None:
+        flask.abort(404)
+    return text
+
+
+def _comparison(db: str, first: str, second: str) -> str:
+    from fringecal.procedures.report_comparison import comparison_report
+    from fringecal.records.calibration import parse_calibration
+    from fringecal.report.html import render_html
+
+    both = [parse_calibration(_document(db, one), name=f"record {one[:12]}") for one in (first, second)]
+    return render_html(comparison_report(both[0], both[1], created=datetime.now(UTC)))
 
 
 def _entries(db: str, rig: str) -> Any:

@@ -6,7 +6,7 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fringecal.records.documents import read_document, write_document
+from fringecal.records.documents import parse_document, read_document, write_document
 from fringecal.records.lens import LensRecord
 from fringecal.records.limits import Limits
 from fringecal.records.parts import (
@@ -288,6 +288,17 @@ def read_calibration(path: str | Path) -> CalibrationRecord:
         The file is missing, not JSON, of another or a newer format, or lacks a key.
     """
     return read_document(path, CalibrationRecord, CALIBRATION_FORMAT, file_name=CALIBRATION_FILE)
+
+
+def parse_calibration(text: str, *, name: str = "calibration") -> CalibrationRecord:
+    """Read a calibration record from its text; `name` is what a refusal calls it.
+
+    Raises
+    ------
+    RecordError
+        The text is not JSON, of another or a newer format, or lacks a key.
+    """
+    return parse_document(text, CalibrationRecord, CALIBRATION_FORMAT, name=name)
 
 
 def write_calibration(record: CalibrationRecord, folder: str | Path) -> Path:

@@ -31,12 +31,29 @@ def read_document[Record: BaseModel](path: str | Path, model: type[Record], form
         The file is missing, not JSON, of another or a newer format, or does not fit the model.
     """
     file = Path(path) / file_name if Path(path).is_dir() else Path(path)
-    document = _load_json(file)
-    _demand_format(file, document.get("format"), form)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except OSError as error:
+        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
+    except UnicodeDecodeError as error:
+        raise RecordError(f"{file}: not a JSON document ({error}); it may be cut short or edited") from error
+    return parse_document(text, model, form, name=str(file))
+
+
+def parse_document[Record: BaseModel](text: str, model: type[Record], form: str, *, name: str) -> Record:
+    """Check the text of a record against its model; `name` is what a refusal calls it.
+
+    Raises
+    ------
+    RecordError
+        The text is not JSON, of another or a newer format, or does not fit the model.
+    """
+    document = _load_json(text, name)
+    _demand_format(name, document.get("format"), form)
     try:
         return model.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
-        raise RecordError(f"{file}: {_faults(error)}") from error
+        raise RecordError(f"{name}: {_faults(error)}") from error
 
 
 def write_document(record: BaseModel, path: str | Path) -> Path:
@@ -65,15 +82,13 @@ def _on_one_line(match: re.Match[str]) -> str:
     return "[" + re.sub(r"\s*\n\s*", " ", match.group(1)) + "]"
 
 
-def _load_json(file: Path) -> dict[str, Any]:
+def _load_json(text: str, name: str) -> dict[str, Any]:
     try:
-        document = json.loads(file.read_text(encoding="utf-8"), parse_constant=_refuse_constant)
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
+        document = json.loads(text, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise RecordError(f"{file}: not a JSON document ({error}); it may be cut short or edited") from error
+        raise RecordError(f"{name}: not a JSON document ({error}); it may be cut short or edited") from error
     if not isinstance(document, dict):
-        raise RecordError(f"{file}: a JSON object was needed, found {type(document).__name__}")
+        raise RecordError(f"{name}: a JSON object was needed, found {type(document).__name__}")
     return document
 
 
@@ -81,15 +96,15 @@ def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is not a JSON number")
 
 
-def _demand_format(file: Path, found: object, needed: str) -> None:
+def _demand_format(where: str, found: object, needed: str) -> None:
     name, version = needed.split("/")
     match = re.fullmatch(rf"{re.escape(name)}/(\d+)", found) if isinstance(found, str) else None
     if match is None:
-        raise RecordError(f"{file}: format is {found!r}, needed {needed!r}; this is another kind of file")
+        raise RecordError(f"{where}: format is {found!r}, needed {needed!r}; this is another kind of file")
     if int(match[1]) > int(version):
-        raise RecordError(f"{file}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal")
+        raise RecordError(f"{where}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal")
     if match[0] != needed:
-        raise RecordError(f"{file}: format {found!r} is unknown, needed {needed!r}")
+        raise RecordError(f"{where}: format {found!r} is unknown, needed {needed!r}")
 
 
 def _faults(error: ValidationError) -> str:

@@ -27,6 +27,14 @@ class Block:
     empty: str = ""
 
 
+@dataclass(frozen=True)
+class Choice:
+    """A choice of two records to be compared: where it leads, and (hash, what it is called), the newest first."""
+
+    action: str
+    options: tuple[tuple[str, str], ...]
+
+
 def rigs_page(entries: pd.DataFrame, name: str) -> str:
     """Show every rig of a history: how many records, the last one, the last calibration and audit.
 
@@ -81,7 +89,15 @@ def rig_page(rig: str, entries: pd.DataFrame) -> str:
     )
     columns = ("captured", "kind", "verdict", "operator", "temperature / degC", "source")
     links = (Cell("All rigs", "/"), Cell("Charts, drift and intervals", f"/report?name={quote(rig, safe='')}"))
-    return _page(rig, f"{len(entries)} records", links, (Block("Records", columns, rows),))
+    blocks = (Block("Records", columns, rows),)
+    return _page(rig, f"{len(entries)} records", links, blocks, _calibrations(newest))
+
+
+def _calibrations(newest: pd.DataFrame) -> Choice | None:
+    """Offer the calibrations for comparison; none where there are fewer than two."""
+    found = newest[newest["kind"] == "calibration"]
+    options = tuple((str(r["sha256"]), f"{_day(r['captured'])}, {r['decision']}") for r in found.to_dict("records"))
+    return Choice("/compare", options) if len(options) > 1 else None
 
 
 def message_page(title: str, words: str) -> str:
@@ -93,9 +109,11 @@ def _text(value: object) -> str:
     return "-" if value is None or value != value else str(value)  # noqa: PLR0124 -- NaN alone differs from itself
 
 
-def _page(title: str, subtitle: str, links: tuple[Cell, ...], sections: tuple[Block, ...]) -> str:
+def _page(
+    title: str, subtitle: str, links: tuple[Cell, ...], sections: tuple[Block, ...], choice: Choice | None = None
+) -> str:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fringecal.report"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     template = environment.get_template("dashboard.html.j2")
-    return template.render(title=title, subtitle=subtitle, links=links, sections=sections)
+    return template.render(title=title, subtitle=subtitle, links=links, sections=sections, choice=choice)

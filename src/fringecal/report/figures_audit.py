@@ -11,7 +11,14 @@ _WIDEST = 3.0  # limits; what lies beyond is drawn at the edge, with its number
 
 
 @styled
-def change_bars(names: Sequence[str], shares: Sequence[float], expanded: Sequence[float], *, title: str = "") -> Figure:
+def change_bars(
+    names: Sequence[str],
+    shares: Sequence[float],
+    expanded: Sequence[float],
+    *,
+    label: str = "change / limit; shaded: within the limit",
+    title: str = "",
+) -> Figure:
     """Draw changes as shares of their limits, with 95 % intervals and the limits at -1 and 1.
 
     Parameters
@@ -20,6 +27,8 @@ def change_bars(names: Sequence[str], shares: Sequence[float], expanded: Sequenc
         What changed.
     shares, expanded
         Change and its expanded uncertainty over the limit, each (n,).
+    label
+        What the bars show.
     title
         What was compared with what.
     """
@@ -41,7 +50,7 @@ def change_bars(names: Sequence[str], shares: Sequence[float], expanded: Sequenc
     axes.set_yticks(place, names)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
-    axes.set(xlim=(-1.05 * _WIDEST, 1.05 * _WIDEST), xlabel="change / limit; shaded: within the limit", title=title)
+    axes.set(xlim=(-1.05 * _WIDEST, 1.05 * _WIDEST), xlabel=label, title=title)
     return figure
 
 

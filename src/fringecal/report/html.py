@@ -79,6 +79,7 @@ def render_html(report: Report) -> str:
             "sentences": section.sentences,
             "tables": [_view_table(table) for table in section.tables],
             "figures": [_view_figure(item, values) for item in section.figures],
+            "side_by_side": section.side_by_side,
         }
         for number, section in enumerate(report.sections, start=1)
     ]

@@ -96,12 +96,16 @@ class Live:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of the report: plain sentences first, then tables, then figures."""
+    """A part of the report: plain sentences first, then tables, then figures.
+
+    `side_by_side` sets the figures beside one another where a page is wide enough for two.
+    """
 
     title: str
     sentences: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     figures: tuple[FigureItem, ...] = ()
+    side_by_side: bool = False
 
 
 @dataclass(frozen=True)
