@@ -94,6 +94,20 @@ def test_what_is_compared_has_the_issues_sensitivity(unchanged):
     assert change_named(unchanged, "height scale, on the strips").found.u < 0.5 * 100 * 0.005 / 3
 
 
+def test_a_change_of_the_detection_limits_size_is_seen(unchanged):
+    """Drawn changes: nothing, and a scale that is off by its detection limit in the least conspicuous way."""
+    rng, size = np.random.default_rng(12), unchanged.change.size
+    weights = np.zeros(size)
+    weights[:2] = 50.0  # mean of two logarithms, in percent
+    limit = change_named(unchanged, "scale").detection_limit
+    along = unchanged.covariance @ weights
+    shift = along / (weights @ along) * limit
+    noise = rng.standard_normal((2000, size)) @ np.linalg.cholesky(unchanged.covariance).T
+    seen = [np.mean([replace(unchanged, change=c).changed for c in noise + s]) for s in (np.zeros(size), shift)]
+    # Binomial standard errors of 0.002 and 0.005, three of each.
+    assert seen == pytest.approx([0.01, 0.95], abs=0.015)
+
+
 def test_a_lowered_camera_is_named(in_force, tmp_path):
     rig = small_rig()
     lower = rig.at(camera={"height_mm": 1495.0, "scale_mm_per_px": 0.9 * 1495 / 1500})

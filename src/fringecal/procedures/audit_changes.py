@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special, stats
 
 from fringecal.procedures.audit import CHANCE, Audit
 from fringecal.procedures.audit_doubt import light_doubt
@@ -36,11 +36,14 @@ class Change:
         The change, its standard uncertainty and unit.
     limit
         Largest size allowed, in the same unit.
+    compared
+        How many quantities are compared as one, of which this is made; 0 where it is judged alone.
     """
 
     name: str
     found: Estimate
     limit: float
+    compared: int = 0
 
     @property
     def en(self) -> float | None:
@@ -50,7 +53,21 @@ class Change:
 
     @property
     def detection_limit(self) -> float:
-        """Smallest change that is seen with 95 %: (z at the audit's chance + 1.645) u."""
+        """Smallest change that is seen with 95 % at the audit's chance of a false alarm.
+
+        Of n quantities compared as one, ``sqrt(lambda) u`` with the lambda at which a noncentral chi-squared of n
+        degrees of freedom passes the alarm's threshold with 95 %: whatever else changes beside it, no change vector
+        c with ``w . c`` of that size has a smaller ``c V^-1 c``. Alone: (z at the chance + 1.645) u.
+
+        Examples
+        --------
+        >>> one, all_ = (Change("scale", Estimate(0.0, 1.0), 1.0, n) for n in (0, 19))
+        >>> round(one.detection_limit, 2), round(all_.detection_limit, 2)
+        (4.22, 6.18)
+        """
+        if self.compared:
+            threshold = special.chdtri(self.compared, CHANCE)
+            return math.sqrt(float(special.chndtrinc(threshold, self.compared, _MISSED))) * self.found.u
         return float(stats.norm.ppf(1 - CHANCE / 2) + stats.norm.ppf(1 - _MISSED)) * self.found.u
 
 
@@ -97,7 +114,7 @@ def _camera(found: Audit, limits: Limits) -> Iterator[Change]:
             continue
         full = np.zeros(found.change.size)
         full[place : place + 5] = weights
-        yield Change(name, _combined(found, full, unit, name), limit)
+        yield Change(name, _combined(found, full, unit, name), limit, found.change.size)
 
 
 def _combined(found: Audit, weights: Array, unit: str, label: str) -> Estimate:
@@ -116,6 +133,7 @@ def _plate(found: Audit, limits: Limits) -> Iterator[Change]:
         "plate phase, rms over the plate",
         _root_mean_square(design, found.change[part], found.covariance[part, part], "rad"),
         limits.audit.plate_phase_rad,
+        found.change.size,
     )
     yield Change("plate form, rms", _form(found.calibration, found.plate), limits.audit.plate_form_mm)
 
@@ -159,8 +177,8 @@ def _strips(found: Audit, limits: Limits) -> Iterator[Change]:
         scale = _height_scale(found, strips, part)
         turned = Estimate(scale.value * per_percent, abs(scale.u * per_percent), "deg", "projection angle")
         which = "the strips" if len(found.strips) == 1 else strips.phase.capture.name
-        yield Change(f"height scale, on {which}", scale, limits.audit.height_scale_percent)
-        yield Change(f"projection angle, by {which}", turned, limits.audit.angle_deg)
+        yield Change(f"height scale, on {which}", scale, limits.audit.height_scale_percent, found.change.size)
+        yield Change(f"projection angle, by {which}", turned, limits.audit.angle_deg, found.change.size)
 
 
 def _height_scale(found: Audit, strips: StripsToday, part: slice) -> Estimate:
@@ -181,7 +199,7 @@ def _light(found: Audit, limits: Limits) -> Iterator[Change]:
         if parts[name].stop > parts[name].start:
             full = np.zeros(found.change.size)
             full[parts[name]] = factor
-            yield Change(_LOOKS[name], _combined(found, full, unit, name), limit)
+            yield Change(_LOOKS[name], _combined(found, full, unit, name), limit, found.change.size)
     doubts = {"modulation": light_doubt("modulation", then, now), "noise": _U_NOISE}
     for name, limit in (("modulation", own.modulation_percent), ("noise", own.noise_percent)):
         today, once = getattr(now, f"{name}_levels"), getattr(then, f"{name}_levels")
