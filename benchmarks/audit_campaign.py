@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
 from fringecal.errors import FringecalError
 from fringecal.procedures.audit import CHANCE, Audit, audit
@@ -32,8 +32,9 @@ from fringecal.targets import load_target
 
 CAPTURES = ("grid", "reference", "strips")
 STRIPS_U_MM = 0.005
+REFUSED = "commissioning refused"  # such a rig has no audits
 POWER = 0.95  # chance of being seen, at which the detection limit stands
-COLUMNS = ("rig", "event", "detected", "power", "cause", "runner_up", "chi2", "dof", "error")
+COLUMNS = ("rig", "event", "detected", "power", "limit", "cause", "runner_up", "chi2", "dof", "error")
 
 Happened = tuple[RigSpec, float, dict[str, float]]
 """The rig afterwards, the true height of its strips, and the moves by the audit's own names."""
@@ -157,14 +158,19 @@ def taken(rig: RigSpec, height_mm: float, folder: Path, seed: int, rng: np.rando
     return load_session(folder)
 
 
-def power_of(found: Audit, calibration: RigCalibration, amounts: Mapping[str, float]) -> float:
-    """Chance with which the audit says that it sees these moves: its own signatures against its own covariance."""
-    if not amounts:
-        return CHANCE
-    base = base_state(calibration)
+def stated(found: Audit, calibration: RigCalibration, amounts: Mapping[str, float]) -> tuple[float, float]:
+    """Chance with which the audit says that it sees these moves, and which part of them it would see with 95 %.
+
+    Its own signatures against its own covariance; nothing at all is seen with the chance of a false alarm.
+    """
+    base, size = base_state(calibration), found.change.size
     signature = found.layout.predict(moved(base, amounts)) - found.layout.predict(base)
-    size = float(signature @ np.linalg.solve(found.covariance, signature))
-    return float(stats.ncx2.sf(stats.chi2.isf(CHANCE, found.change.size), found.change.size, size))
+    square = float(signature @ np.linalg.solve(found.covariance, signature))
+    if not square:
+        return CHANCE, math.inf
+    threshold = stats.chi2.isf(CHANCE, size)
+    needed = float(special.chndtrinc(threshold, size, 1 - POWER))
+    return float(stats.ncx2.sf(threshold, size, square)), math.sqrt(needed / square)
 
 
 def audited(event: str, rig: RigSpec, height_mm: float, in_force: InForce, seed: tuple[int, int]) -> dict[str, Any]:
@@ -178,10 +184,12 @@ def audited(event: str, rig: RigSpec, height_mm: float, in_force: InForce, seed:
             found = audit(session, *in_force)
         except FringecalError as error:
             return row | {"detected": 1, "error": str(error)}
+    power, limit = stated(found, in_force[0], amounts)
     causes = [fit.cause for fit in found.causes] + ["", ""]
     return row | {
         "detected": int(found.changed),
-        "power": round(power_of(found, in_force[0], amounts), 4),
+        "power": round(power, 4),
+        "limit": round(limit, 4),
         "cause": causes[0],
         "runner_up": causes[1],
         "chi2": round(found.chi2, 1),
@@ -195,8 +203,12 @@ def rows_of_rig(seed: int, number: int, done: set[str]) -> Iterator[dict[str, An
     rng = np.random.default_rng([seed, number])
     rig, height_mm = draw_rig(rng), 3.0 + STRIPS_U_MM * rng.standard_normal()
     with tempfile.TemporaryDirectory() as folder:
-        found = commission(taken(rig, height_mm, Path(folder) / "s", int(rng.integers(1 << 31)), rng))
-        record = calibration_record(found)
+        session = taken(rig, height_mm, Path(folder) / "s", int(rng.integers(1 << 31)), rng)
+        try:
+            record = calibration_record(commission(session))
+        except FringecalError as error:
+            yield {"rig": number, "event": REFUSED, "detected": 0, "error": str(error)}
+            return
     for event in EVENTS:
         if event not in done:
             yield audited(event, rig, height_mm, (calibration_of(record), record), (seed, number))
@@ -210,7 +222,7 @@ def run(seed: int, rigs: int, file: Path | None) -> list[dict[str, Any]]:
             rows += list(csv.DictReader(stream))
     for number in range(rigs):
         done = {row["event"] for row in rows if int(row["rig"]) == number}
-        if len(done) == len(EVENTS):
+        if len(done) == len(EVENTS) or REFUSED in done:
             continue
         for row in rows_of_rig(seed, number, done):
             rows.append(row)
@@ -229,10 +241,6 @@ def append(file: Path, row: Mapping[str, Any]) -> None:
         writer.writerow(row)
 
 
-def share(part: int, whole: int) -> str:
-    return f"{part} of {whole}, {100 * part / whole:.1f} %" if whole else "none"
-
-
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--rigs", type=int, default=5)
@@ -241,20 +249,29 @@ def main() -> None:
     options = parser.parse_args()
     rows = run(options.seed, options.rigs, options.csv)
     for event, (_, cause) in EVENTS.items():
-        ours = [row for row in rows if row["event"] == event]
-        detected = [row for row in ours if int(row["detected"])]
-        if not cause:
-            print(f"{event}: alarms in {share(len(detected), len(ours))} (bar 5 %)")
-            continue
-        above = [row for row in ours if float(row.get("power") or 1) >= POWER]
-        seen = sum(int(row["detected"]) for row in above)
-        right = sum(row["cause"] == cause for row in ours)
-        print(
-            f"{event}: above the detection limit {len(above)} of {len(ours)}, of these seen {share(seen, len(above))}"
-        )
-        print(f"    (bar 95 %); cause named first: {share(right, len(ours))} (bar 80 %)")
-        for other in sorted({row["cause"] for row in ours} - {cause}):
-            print(f"    instead: {other or 'refused or not seen'}, {sum(row['cause'] == other for row in ours)}")
+        tell(event, cause, [row for row in rows if row["event"] == event])
+    print(f"{REFUSED}: {sum(row['event'] == REFUSED for row in rows)}")
+
+
+def share(part: int, whole: int) -> str:
+    return f"{part} of {whole}, {100 * part / whole:.1f} %" if whole else "none"
+
+
+def tell(event: str, cause: str, rows: list[dict[str, Any]]) -> None:
+    """Print the counts of one event beside the bars."""
+    detected = sum(int(row["detected"]) for row in rows)
+    if not cause:
+        print(f"{event}: alarms in {share(detected, len(rows))} (bar 5 %)")
+        return
+    above = [row for row in rows if float(row.get("power") or 1) >= POWER]
+    seen, right = sum(int(row["detected"]) for row in above), sum(row["cause"] == cause for row in rows)
+    limits = [float(row["limit"]) for row in rows if row.get("limit")] or [math.nan]
+    low, middle, high = np.quantile(limits, [0.05, 0.5, 0.95])
+    print(f"{event}: above the detection limit {len(above)} of {len(rows)}, of these seen {share(seen, len(above))}")
+    print(f"    (bar 95 %); cause named first: {share(right, len(rows))} (bar 80 %)")
+    print(f"    stated detection limit: {middle:.3f} of it, {low:.3f} to {high:.3f} on nine rigs of ten")
+    for other in sorted({row["cause"] for row in rows} - {cause}):
+        print(f"    instead: {other or 'refused or not seen'}, {sum(row['cause'] == other for row in rows)}")
 
 
 if __name__ == "__main__":
