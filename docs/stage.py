@@ -14,11 +14,24 @@ from fringecal.cli.app import VERBS, build_app
 
 ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "build" / "pages"
+PATTERNS = (
+    *("README.md", "CHANGELOG.md", "LICENSE"),
+    *("docs/*.md", "docs/*.toml", "docs/images/*", "procedures/**/*", "targets/*"),
+)
 
 
 def main() -> None:
     shutil.rmtree(PAGES, ignore_errors=True)
-    for pattern in ("README.md", "CHANGELOG.md", "LICENSE", "docs/*.md", "docs/*.toml", "procedures/**/*", "targets/*"):
+    for pattern in (
+        "README.md",
+        "CHANGELOG.md",
+        "LICENSE",
+        "docs/*.md",
+        "docs/*.toml",
+        "docs/images/*",
+        "procedures/**/*",
+        "targets/*",
+    ):
         for file in filter(Path.is_file, ROOT.glob(pattern)):
             place = PAGES / file.relative_to(ROOT)
             place.parent.mkdir(parents=True, exist_ok=True)

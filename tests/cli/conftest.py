@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from fringecal.cli.app import main
 
@@ -52,14 +53,28 @@ def data(request) -> Path:
     return request.config.rootpath / "tests" / "data"
 
 
+def made_by(*arguments) -> dict:
+    """Run a command that must succeed, and return what it prints with --json."""
+    stdout = io.StringIO()
+    with contextlib.redirect_stdout(stdout), pytest.raises(SystemExit) as stop:
+        main([*map(str, arguments), "--json"])
+    assert stop.value.code == 0
+    return json.loads(stdout.getvalue())
+
+
 @pytest.fixture(scope="session")
 def commissioned(data, tmp_path_factory) -> tuple[Path, dict]:
     """Commission the oblique rig once, since it takes a while."""
-    folder, stdout = tmp_path_factory.mktemp("cli") / "calibration", io.StringIO()
-    with contextlib.redirect_stdout(stdout), pytest.raises(SystemExit) as stop:
-        main(["commission", str(data / "oblique"), "--out", str(folder), "--json"])
-    assert stop.value.code == 0
-    return folder, json.loads(stdout.getvalue())
+    folder = tmp_path_factory.mktemp("cli") / "calibration"
+    return folder, made_by("commission", data / "oblique", "--out", folder)
+
+
+@pytest.fixture(scope="session")
+def reconstructed(data, calibration, tmp_path_factory) -> tuple[Path, dict]:
+    """Measure the bars on the oblique rig once: the folder, and what was printed."""
+    folder = tmp_path_factory.mktemp("cli") / "surface"
+    arguments = ("--capture", "bars", "--calibration", calibration / "calibration.json", "--highest-mm", "25")
+    return folder, made_by("reconstruct", data / "oblique", *arguments, "--out", folder)
 
 
 @pytest.fixture(scope="session")
@@ -112,10 +127,13 @@ def listening(browser):
 def photograph(request):
     """Take a picture of a page for the documentation, where `--screenshots DIR` asks for it."""
 
-    def take(page, name, **options):
-        folder = request.config.getoption("--screenshots", default=None)
-        if folder:
-            Path(folder).mkdir(parents=True, exist_ok=True)
-            page.screenshot(path=Path(folder) / f"{name}.png", **options)
+    def take(page, name):
+        named = request.config.getoption("--screenshots", default=None)
+        if named:
+            folder = request.config.invocation_params.dir / named
+            folder.mkdir(parents=True, exist_ok=True)
+            # 200 colours are enough for a page, and take a third of the room.
+            few = Image.open(io.BytesIO(page.screenshot())).convert("RGB").quantize(200, dither=Image.Dither.NONE)
+            few.save(folder / f"{name}.png", optimize=True)
 
     return take

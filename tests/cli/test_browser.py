@@ -1,25 +1,29 @@
 """Reports in a real browser: nothing on the console, no overflow, every picture drawn, readable for everybody."""
 
 import contextlib
+import json
+import re
+import threading
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fringecal.cli.app import main
-from fringecal.history.entries import Entry, Reading
+from fringecal.history.entries import Entry, Reading, read_entry
 from fringecal.history.store import open_history
 from fringecal.report.dashboard import rigs_page
 
 ROOT = Path(__file__).parents[2]
 ARCHIVE = max((ROOT / "tests" / "records" / "archive").glob("[0-9]*"))
 WIDTHS_PX = (400, 1400)
-PAGES = ("commission", "certificate", "history", "dashboard")
+PAGES = ("commission", "measured", "certificate", "history", "dashboard")
 
 axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
 
 
 @pytest.fixture(scope="module")
-def reports(calibration, tmp_path_factory) -> dict[str, Path]:
+def reports(calibration, reconstructed, tmp_path_factory) -> dict[str, Path]:
     """One page each: with many figures, with long tables, with charts."""
     folder = tmp_path_factory.mktemp("pages")
     main_ends(["certificate", str(ARCHIVE), "--out", str(folder / "certificate"), "--draft"])
@@ -31,6 +35,7 @@ def reports(calibration, tmp_path_factory) -> dict[str, Path]:
     return {
         "dashboard": folder / "dashboard.html",
         "commission": calibration / "report.html",
+        "measured": reconstructed[0] / "report.html",
         "certificate": folder / "certificate" / "report.html",
         "history": folder / "history" / "report.html",
     }
@@ -50,6 +55,30 @@ def entry(number: int) -> Entry:
     return Entry("bench-1", "audit", day, day, f"{number:064x}", "pass", readings)
 
 
+@pytest.fixture
+def two_calibrations(tmp_path, monkeypatch):
+    """A served history of one rig with two calibrations, the second with a scale larger by 0.1 %."""
+    serving = pytest.importorskip("werkzeug.serving", reason="the extra serve is not installed")
+    from fringecal.cli.serve import dashboard
+
+    monkeypatch.chdir(tmp_path)  # so that no page names a folder of this machine
+    with open_history("history.db") as history:
+        for month in (1, 2):
+            document = json.loads((ARCHIVE / "calibration.json").read_text(encoding="utf-8"))
+            document["session"].update(captured=f"2026-0{month}-01T08:00:00Z")
+            document["camera"]["parameters"][0] *= 1.001 ** (month - 1)
+            record = Path(f"calibration-{month}.json")
+            record.write_text(json.dumps(document), encoding="utf-8")
+            history.append([read_entry(record)])
+    server = serving.make_server("127.0.0.1", 0, dashboard("history.db"), threaded=True)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield f"http://127.0.0.1:{server.server_port}/", document["session"]["rig"]
+    server.shutdown()
+    thread.join(30)
+    server.server_close()
+
+
 @pytest.fixture(params=PAGES)
 def shown(request, listening, reports):
     """A page as the browser has opened it, with everything that it said and asked for."""
@@ -65,7 +94,8 @@ def test_pages_are_silent_and_whole(shown, photograph):
         page.wait_for_timeout(50)
         # What is wider than the page scrolls in a box of its own.
         assert page.evaluate("document.documentElement.scrollWidth") <= width, f"{name} overflows at {width} px"
-        photograph(page, f"{name}-{width}")
+        if name == "commission":
+            photograph(page, f"report-{width}")
     drawn = page.evaluate("[...document.images].map(i => i.complete && i.naturalWidth > 50 && i.naturalHeight > 50)")
     assert all(drawn)
     assert len(drawn) >= (0 if name in ("certificate", "dashboard") else 1)
@@ -123,3 +153,66 @@ def test_every_table_can_be_taken_along(shown):
     text = Path(download.value.path()).read_text(encoding="utf-8")
     assert text.count("\n") >= 2
     assert download.value.suggested_filename.endswith(".csv")
+
+
+def test_a_measured_surface_is_read_and_turned(listening, reconstructed, photograph):
+    """The value under the pointer is the one that the command has written."""
+    folder, _ = reconstructed
+    page, said = listening
+    page.set_viewport_size({"width": 1000, "height": 800})
+    page.goto((folder / "report.html").as_uri())
+    figure = page.locator("figure").first
+    figure.scroll_into_view_if_needed()
+    figure.locator(".probe").hover(position={"x": 240, "y": 150})
+    words = figure.locator("output").inner_text()
+    x, y, z, u = (float(part) for part in re.findall(r"-?\d+\.\d+", words.replace("\N{MINUS SIGN}", "-")))
+    with np.load(folder / "height.npz") as maps:
+        near = np.unravel_index(np.nanargmin(np.hypot(maps["x"] - x, maps["y"] - y)), maps["x"].shape)
+        around = tuple(slice(place - 2, place + 3) for place in near)  # x and y are printed to 0.1 mm of 0.5 mm a pixel
+        assert np.abs(maps["z"][around] - z).min() < 6e-4
+        assert np.abs(maps["u_z"][around] - u).min() < 6e-5
+    assert z > 5  # on a bar, not beside it
+    photograph(page, "map-under-the-pointer")
+    figure = page.locator("figure", has=page.locator(".stage"))
+    figure.locator(".turn").click()
+    page.wait_for_function("document.querySelector('.stage').layout?.scene.camera.eye.x")
+    figure.locator(".stage").focus()
+    for _ in range(3):
+        page.keyboard.press("ArrowLeft")
+    page.evaluate("document.activeElement.blur()")
+    page.wait_for_timeout(500)
+    figure.scroll_into_view_if_needed()
+    photograph(page, "surface-turned")
+    assert [line for line in said if line.startswith(("error", "http"))] == []
+
+
+def test_the_dashboard_leads_to_a_comparison(listening, two_calibrations, photograph):
+    page, said = listening
+    page.set_viewport_size({"width": 1000, "height": 800})
+    address, rig = two_calibrations
+    page.goto(address)
+    page.get_by_role("link", name=rig).click()
+    assert page.get_by_role("heading", level=1).inner_text() == rig
+    readable_for_everybody(page, "the rig's page")
+    photograph(page, "dashboard-rig")
+    first, second = page.get_by_label("First"), page.get_by_label("Second")
+    offered = first.locator("option").evaluate_all("options => options.map(option => option.value)")
+    assert [first.input_value(), second.input_value()] == offered[::-1]  # the older one first
+    page.get_by_role("button", name="Compare").click()
+    assert page.get_by_role("heading", level=1).inner_text() == f"Two calibrations of {rig}"
+    assert page.get_by_role("row").count() > 10
+    readable_for_everybody(page, "the comparison")
+    photograph(page, "two-calibrations")
+    page.get_by_role("button", name="En by quantity").click()  # enlarging runs under a policy that allows no script
+    assert page.locator("figure").first.bounding_box()["width"] == 1000
+    page.keyboard.press("Escape")
+    for width in WIDTHS_PX:
+        page.set_viewport_size({"width": width, "height": 900})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        drawn = page.evaluate("[...document.images].map(i => i.complete && i.naturalWidth > 50)")
+        assert drawn == [True] * 3
+    rigs = page.get_by_role("figure").filter(has_text="The rig")
+    wide = [one.bounding_box() for one in rigs.all()]
+    assert wide[0]["y"] == wide[1]["y"]  # side by side
+    assert wide[0]["x"] + wide[0]["width"] <= wide[1]["x"]
+    assert [line for line in said if not line.startswith(address)] == []

@@ -109,13 +109,8 @@ def test_verify_for_people_can_be_read_on_80_columns(run, data, calibration, tmp
     assert len(first) == len(PROFILE_KEYS)
 
 
-def test_reconstruct(run, data, calibration, tmp_path):
-    out = tmp_path / "surface"
-    outcome = run(
-        "reconstruct", data / "oblique", "--capture", "bars", "--calibration", calibration / "calibration.json",
-        "--out", out, "--highest-mm", "25", "--json",
-    )  # fmt: skip
-    assert outcome.code == 0
+def test_reconstruct(data, reconstructed):
+    out, printed = reconstructed
     written = {path.name for path in out.iterdir()}
     assert {f"height.{suffix}" for suffix in ("npz", "tif", "ply", "stl", "obj", "x3p")} | {"report.html"} <= written
     with np.load(out / "height.npz") as maps, np.load(data / "oblique" / "truth.npz") as true:
@@ -123,8 +118,8 @@ def test_reconstruct(run, data, calibration, tmp_path):
         lit = maps["mask"] & true["lit"]
         # Median of all pixels, plate and bars: 0.003 mm of 3 mm strips, on 10 mm at most.
         assert abs(np.median((maps["z"] - true["bars"])[lit])) < 0.01
-        assert outcome.document["shares"]["valid"] == maps["mask"].mean()
-    assert outcome.document["z_max_mm"] == pytest.approx(21.2, abs=0.5)
+        assert printed["shares"]["valid"] == maps["mask"].mean()
+    assert printed["z_max_mm"] == pytest.approx(21.2, abs=0.5)
     demand_no_leftovers(out)
 
 
