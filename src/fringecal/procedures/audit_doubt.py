@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 from fringecal.camera.plate import CAMERA_NAMES
 from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, Layout, camera_quantities
 from fringecal.procedures.audit_observed import GridToday, PlateToday, StripsToday, base_state
+from fringecal.procedures.commission import SURFACE_POINTS
 from fringecal.projection.calibration import RigCalibration
 from fringecal.records.calibration import AppearanceRecord
 
 Array = NDArray[np.float64]
 type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]
 
-_FLOOR_RAD = 2e-4  # ripple of 0.02 rad over fifty fringes leaves so much of itself in a smooth term
+#: Ripple of 0.01 rad over fifty fringes leaves so much of itself in a smooth term; on the few pixels of strips, more.
+_FLOOR_RAD = {"plate": 1e-4, "strips": 2e-4}
 _FLOOR_PX = 0.02  # of the corner, likewise
 _U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 0.0075 px over virtual rigs
 _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
@@ -36,14 +38,14 @@ def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observe
     total = np.zeros((size, size))
     if grid is not None:
         total[parts["camera"], parts["camera"]] += _camera_scatter(grid)
-    if plate is not None:  # the calibration follows its own plate's scatter, as large as today's
-        total[parts["plate"], parts["plate"]] += 2 * _scatter(plate.blocks, PLATE_DEGREE)[1:, 1:]
+    if plate is not None:
+        total[parts["plate"], parts["plate"]] += _plate_scatter(plate, calibration)[1:, 1:]
     for today, part in zip(strips, layout.strip_parts, strict=True):
         total[part, part] += _scatter(today.tops.blocks, STRIPS_DEGREE)
     total += _calibration_doubt(layout, calibration, observed)
-    floors = {"camera": 0.0, "plate": _FLOOR_RAD, "strips": _FLOOR_RAD, "blur": _U_BLUR_PX, "contrast": u_contrast}
-    for name, part in parts.items():
-        total[part, part] += floors[name] ** 2 * np.eye(part.stop - part.start)
+    floors = {"blur": _U_BLUR_PX, "contrast": u_contrast, **_FLOOR_RAD}
+    for name, floor in floors.items():
+        total[parts[name], parts[name]] += floor**2 * np.eye(parts[name].stop - parts[name].start)
     if grid is not None:
         corner = parts["camera"].stop - 1
         total[corner, corner] += _FLOOR_PX**2
@@ -56,6 +58,19 @@ def _scatter(blocks: Blocks, degree: int) -> Array:
     left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
     variance = float(left @ left) / max(left.size - design.shape[1], 1)
     return variance * np.linalg.inv(design.T @ design)
+
+
+def _plate_scatter(plate: PlateToday, calibration: RigCalibration) -> Array:
+    """Covariance of the plate's terms: blocks scatter today as they did, and the calibration saw fewer pixels.
+
+    It follows its plate by a smooth residual through some thousands of single pixels, whose own noise does not vanish
+    as it does from all pixels today.
+    """
+    light, design = plate.phase.map, plate.blocks.design(PLATE_DEGREE)
+    variance = float(np.nanmedian(light.sigma[light.valid])) ** 2 + calibration.excess_rad**2
+    used = min(SURFACE_POINTS, int(plate.blocks.pixels.sum()))
+    single = variance / used * np.linalg.inv(design.T @ design / len(design))
+    return 2 * _scatter(plate.blocks, PLATE_DEGREE) + single
 
 
 def _camera_scatter(grid: GridToday) -> Array:

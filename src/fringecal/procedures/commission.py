@@ -46,7 +46,7 @@ from fringecal.uncertainty.estimates import Estimate
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-_POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
+SURFACE_POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
 _LEAST_POINTS = 100  # of a surface; fewer say nothing beside the others
 
 
@@ -280,7 +280,7 @@ def _observations(
         inside = np.isin(strips.regions.labels, labels) & np.isfinite(ordered.phase_rad)
         if np.count_nonzero(inside) >= _LEAST_POINTS:
             orders[height] = ordered.decision
-            picked.append(_picked(inside, ordered.phase_rad, number=max(_POINTS // len(groups), 2000)))
+            picked.append(_picked(inside, ordered.phase_rad, number=max(SURFACE_POINTS // len(groups), 2000)))
             heights.append(strips.heights_mm[ordered.items[labels[0] - 1]])
     u, v, phase, cluster = (tuple(column) for column in zip(*picked, strict=True))
     return Observations(u, v, phase, cluster, tuple(heights)), orders
@@ -289,7 +289,7 @@ def _observations(
 type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
 
 
-def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = _POINTS) -> Picked:
+def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = SURFACE_POINTS) -> Picked:
     u, v, cluster = pick_points(inside, number)
     return u, v, phase[v.astype(int), u.astype(int)], cluster
 
