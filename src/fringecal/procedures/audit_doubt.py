@@ -17,8 +17,9 @@ from fringecal.records.calibration import AppearanceRecord
 Array = NDArray[np.float64]
 type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]
 
-#: Ripple of 0.01 rad over fifty fringes leaves so much of itself in a smooth term; on the few pixels of strips, more.
-_FLOOR_RAD = {"plate": 1e-4, "strips": 2e-4}
+#: Ripple of 0.01 rad over fifty fringes leaves so much of itself in a smooth term. Strips have fewer pixels and edges,
+#: and lie elsewhere each time: on virtual rigs with gamma, texture and distortion the tilt of their step moves so much.
+_FLOOR_RAD = {"plate": 1e-4, "strips": 4e-4}
 _FLOOR_PX = 0.02  # of the corner, likewise
 _U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 0.0075 px over virtual rigs
 _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
