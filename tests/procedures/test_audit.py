@@ -81,9 +81,9 @@ def test_an_unchanged_rig_passes(unchanged):
     assert severest(tuple(checks.values())) in {"pass", "conditionalPass"}
     assert audit_sentence(unchanged).startswith("The rig is as calibrated")
     # Twenty numbers that are chance: none beyond four standard uncertainties, and not all far below one. Over 41
-    # audits of 14 such rigs their rms is 0.84.
+    # audits of 14 such rigs their rms is 0.79, from 0.47 to 1.25.
     z = unchanged.change / np.sqrt(np.diag(unchanged.covariance))
-    assert 0.5 < np.sqrt(np.mean(z**2)) < 1.4
+    assert 0.35 < np.sqrt(np.mean(z**2)) < 1.4
     assert np.abs(z).max() < 4
 
 
