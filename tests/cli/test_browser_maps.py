@@ -212,24 +212,6 @@ def test_a_surface_is_turned_by_dragging_and_by_keys(page):
     assert not stage.is_visible()
 
 
-def test_a_surface_has_axes_with_units_and_its_gaps(page):
-    page.set_viewport_size(SMALL)
-    _, stage = turning(page)
-    words = stage.inner_text()
-    data = page.evaluate("(({x, y, z}) => ({x, y, z}))(document.querySelector('.stage').data[0])")
-    z = np.array(data["z"], dtype=float)
-    x, y = np.meshgrid(data["x"], data["y"])
-    dark = (x < -51) & (y > 31)
-    assert np.isnan(z[dark]).all()
-    lit = np.isfinite(z)
-    assert lit.mean() > 0.9
-    np.testing.assert_allclose(z[lit], height_of(x, y)[lit], atol=0.4 * PITCH_MM)
-    scene = page.evaluate("document.querySelector('.stage').layout.scene")
-    titles = [scene[f"{axis}axis"]["title"]["text"] for axis in "xyz"]
-    assert titles == ["x / mm", "y / mm", "z / mm (2 times)"]
-    assert "z / mm" in words  # the scale of colours
-
-
 def test_everybody_can_use_it(page):
     page.set_viewport_size({"width": 400, "height": 700})
     figure, stage = turning(page)
@@ -246,9 +228,22 @@ def test_everybody_can_use_it(page):
         assert (drawn["width"], drawn["height"]) == pytest.approx((place["width"], place["height"]), abs=2)
 
 
-def test_paper_shows_the_picture_alone(page):
+def test_a_surface_has_axes_with_units_and_its_gaps_and_leaves_paper_alone(page):
     page.set_viewport_size(SMALL)
-    turning(page)
+    _, stage = turning(page)
+    words = stage.inner_text()
+    data = page.evaluate("(({x, y, z}) => ({x, y, z}))(document.querySelector('.stage').data[0])")
+    z = np.array(data["z"], dtype=float)
+    x, y = np.meshgrid(data["x"], data["y"])
+    dark = (x < -51) & (y > 31)
+    assert np.isnan(z[dark]).all()
+    lit = np.isfinite(z)
+    assert lit.mean() > 0.9
+    np.testing.assert_allclose(z[lit], height_of(x, y)[lit], atol=0.4 * PITCH_MM)
+    scene = page.evaluate("document.querySelector('.stage').layout.scene")
+    titles = [scene[f"{axis}axis"]["title"]["text"] for axis in "xyz"]
+    assert titles == ["x / mm", "y / mm", "z / mm (2 times)"]
+    assert "z / mm" in words  # the scale of colours
     page.emulate_media(media="print")
     assert [image.is_visible() for image in page.locator("img").all()] == [True] * 3
     for hidden in (".stage", ".probe", ".reading", ".tools"):

@@ -148,7 +148,7 @@ class PlateCamera:
         direction
             ``"horizontal"`` along u, ``"vertical"`` along v, or ``"mean"`` of the two.
         """
-        value, gradient = self._differentiated(lambda camera: _local_scale(camera, direction))
+        value, gradient = self._differentiated(lambda camera: local_scale(camera, direction))
         return Estimate(value, math.sqrt(gradient @ self.covariance @ gradient), "mm/px", f"scale, {direction}")
 
     def _differentiated(self, function) -> tuple[float, Array]:  # type: ignore[no-untyped-def]
@@ -281,7 +281,8 @@ def _rotated(points: Array, cosine: float, sine: float) -> Array:
     return np.column_stack([cosine * x + sine * y, cosine * y - sine * x, points[:, 2]])
 
 
-def _local_scale(camera: PlateCamera, direction: str) -> float:
+def local_scale(camera: PlateCamera, direction: str) -> float:
+    """Return the value of `PlateCamera.scale` alone, mm/px, without its uncertainty."""
     u0, v0 = camera.centre_px
     rays = camera.rays(np.array([u0 + 0.5, u0 - 0.5, u0, u0]), np.array([v0, v0, v0 + 0.5, v0 - 0.5]))
     horizontal = math.hypot(rays.ax[0] - rays.ax[1], rays.ay[0] - rays.ay[1])

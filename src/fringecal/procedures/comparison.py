@@ -1,12 +1,13 @@
 """Two calibrations of one rig beside each other: whether they agree, in what was measured and in heights."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.camera.plate import local_scale
 from fringecal.errors import RecordError
 from fringecal.procedures.recording import calibration_of
 from fringecal.projection.angle import apparent_angle, fringe_pitch_mm, projection_angle
@@ -95,7 +96,7 @@ def _demand_one_rig(*records: CalibrationRecord) -> None:
 
 def _quantities(before: RigCalibration, after: RigCalibration) -> Iterator[tuple[str, str, Quantity]]:
     for direction in ("mean", "horizontal", "vertical"):
-        yield f"scale, {direction}", "mm/px", lambda c, d=direction: c.camera.scale(d).value  # type: ignore[misc]
+        yield f"scale, {direction}", "mm/px", lambda c, d=direction: local_scale(c.camera, d)  # type: ignore[misc]
     yield "projection angle", "deg", lambda c: math.degrees(float(projection_angle(c.model, 0.0, 0.0)))
     yield "apparent angle", "deg", lambda c: math.degrees(float(apparent_angle(c.model, c.camera, 0.0, 0.0)))
     yield "fringe pitch on the plate", "mm", lambda c: float(fringe_pitch_mm(c.model))
@@ -118,7 +119,7 @@ def _projector(before: RigCalibration, after: RigCalibration) -> Iterator[tuple[
 
 def _round_height(calibration: RigCalibration) -> float:
     """Give the power of ten that is at most a tenth of the field's width, mm."""
-    width = calibration.camera.width_px * calibration.camera.scale("mean").value
+    width = calibration.camera.width_px * local_scale(calibration.camera, "mean")
     return 10.0 ** math.floor(math.log10(width / 10))
 
 
@@ -137,12 +138,18 @@ def _height_there(before: RigCalibration, pixel: tuple[float, float], height_mm:
 def _compared(
     name: str, unit: str, quantity: Quantity, both: tuple[RigCalibration, RigCalibration], shared: tuple[str, ...]
 ) -> Compared:
-    first, second = (c.estimate(quantity, unit=unit, label=name)[0] for c in both)
     moved = [_changes_by_cause(c, quantity) for c in both]
+    first, second = (
+        Estimate(quantity(c), _root_sum(changes.values()), unit, name) for c, changes in zip(both, moved, strict=True)
+    )
     together = [np.subtract(moved[1].get(cause, 0.0), moved[0].get(cause, 0.0)) for cause in shared]
     apart = [change for one in moved for cause, change in one.items() if cause not in shared]
-    u = math.sqrt(sum(float(np.sum(np.square(change))) for change in (*together, *apart)))
-    return Compared(name, first, second, Estimate(second.value - first.value, u, unit, f"change of {name}"))
+    difference = Estimate(second.value - first.value, _root_sum((*together, *apart)), unit, f"change of {name}")
+    return Compared(name, first, second, difference)
+
+
+def _root_sum(changes: Iterable[Array]) -> float:
+    return math.sqrt(sum(float(np.sum(np.square(change))) for change in changes))
 
 
 def _changes_by_cause(calibration: RigCalibration, quantity: Quantity) -> dict[str, Array]:
