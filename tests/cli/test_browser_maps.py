@@ -120,6 +120,20 @@ def test_pictures_are_read_in_pixels_downwards(page):
     assert residual == pytest.approx(0.001 * (u - 100), abs=6e-4)  # three digits are shown
 
 
+def test_a_finger_reads_the_map_and_still_scrolls_the_page(browser, page_file):
+    context = browser.new_context(has_touch=True, is_mobile=True, viewport={"width": 400, "height": 700})
+    page = context.new_page()
+    page.goto(page_file)
+    figure = page.locator("figure").first
+    box = figure.locator(".probe").bounding_box()
+    page.touchscreen.tap(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    x, y, z, _ = numbers(figure.locator("output").inner_text())
+    assert (x, y) == pytest.approx((0, 0), abs=STEP_MM / 2 + 0.4)
+    assert z == pytest.approx(height_of(x, y), abs=0.4 * PITCH_MM)
+    assert figure.locator(".probe").evaluate("field => getComputedStyle(field).touchAction") == "auto"
+    context.close()
+
+
 def test_arrow_keys_move_the_place(page):
     field = page.locator(".probe").first
     field.focus()

@@ -137,10 +137,8 @@ def ewma_chart(
 
     Parameters
     ----------
-    values
-        (n,) in the order of capture.
-    baseline
-        Centre and sigma in control.
+    values, baseline
+        As for `individuals_chart`.
     weight
         Of the newest value, above 0 and up to 1.
     width
@@ -169,10 +167,8 @@ def cusum_chart(
 
     Parameters
     ----------
-    values
-        (n,) in the order of capture.
-    baseline
-        Centre and sigma in control.
+    values, baseline
+        As for `individuals_chart`.
     slack, limit
         In units of sigma.
     """

@@ -50,10 +50,8 @@ def angle_report(found: AngleFindings, *, command: str = "", created: datetime |
     ----------
     found
         What the breaks say.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
+    command, created
+        As for `commission_report`.
     """
     moved = found.displacement
     decision: Decision = "info" if moved is None else "pass" if moved.agrees else "conditionalFail"

@@ -37,12 +37,8 @@ def artefact_report(
     ----------
     found
         What the verification has found.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
-    limits
-        The laboratory's limits.
+    command, created, limits
+        As for `commission_report`.
     """
     return Report(
         title=f"Verification on {found.target.name}",

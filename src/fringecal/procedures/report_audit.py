@@ -27,12 +27,8 @@ def audit_report(
     ----------
     found
         What the audit has found.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
-    limits
-        The laboratory's limits.
+    command, created, limits
+        As for `commission_report`.
     """
     checks, changes = audit_checks(found, limits), changes_of(found, limits)
     phases = tuple(part.phase for part in (found.plate, *found.strips) if part is not None)

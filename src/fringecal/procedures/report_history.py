@@ -37,10 +37,8 @@ def history_report(
         Its rows of `History.entries`.
     reviews
         One per quantity.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
+    command, created
+        As for `commission_report`.
     """
     return Report(
         title=f"History of {rig}",

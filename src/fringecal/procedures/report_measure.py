@@ -29,10 +29,8 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
     ----------
     found
         The object's surface and its phase.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
+    command, created
+        As for `commission_report`.
     """
     values = readable_surface(found.surface)
     return Report(

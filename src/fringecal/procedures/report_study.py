@@ -24,10 +24,8 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
     ----------
     summary
         What the study's results say.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
+    command, created
+        As for `commission_report`.
     """
     checks = summary.checks()
     worst = max(summary.quantities, key=lambda q: abs(q.ratio - 1))

@@ -65,12 +65,8 @@ def verification_report(
     ----------
     found
         What the verification has found.
-    command
-        Command line that made it.
-    created
-        Time of writing, with its zone.
-    limits
-        The laboratory's limits.
+    command, created, limits
+        As for `commission_report`.
     """
     sections = [errors_section(found.errors), _profiles_section(found.errors), _models_section(found)]
     if found.filters:

@@ -3,10 +3,8 @@
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.image import AxesImage
 from matplotlib.patches import Patch
 
 from fringecal.records.grids import RegularGrid, regular_grid, sample_spacing_mm
@@ -38,13 +36,7 @@ def height_map(x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, title: s
     title
         What was measured.
     """
-    figure = new_figure(7.0, 5.2)
-    axes = figure.subplots()
-    image = _draw_plate_map(axes, _thinned(x_mm, y_mm, z_mm))
-    image.set_cmap(HEIGHT_MAP)
-    axes.set_title(title)
-    colourbar(axes, image, "height z / mm")
-    return figure
+    return _plate_map(_thinned(x_mm, y_mm, z_mm), "height z / mm", title=title)
 
 
 @styled
@@ -67,16 +59,10 @@ def error_map(
     title
         What was compared with what.
     """
-    figure = new_figure(7.0, 5.2)
-    axes = figure.subplots()
     limit = symmetric_limit(error_mm) if limit_mm is None else limit_mm
     # The error may jump wherever it likes: only the coordinates decide what can be resampled.
     grid = _thinned(x_mm, y_mm, error_mm, max_jump_mm=np.inf)
-    image = _draw_plate_map(axes, grid)
-    image.set(cmap=ERROR_MAP, clim=(-limit, limit))
-    axes.set_title(title)
-    colourbar(axes, image, "measured - reference / mm", extend="both")
-    return figure
+    return _plate_map(grid, "measured - reference / mm", (-limit, limit), colours=ERROR_MAP, title=title)
 
 
 @styled
@@ -90,17 +76,9 @@ def uncertainty_map(x_mm: np.ndarray, y_mm: np.ndarray, u_mm: np.ndarray, *, tit
     title
         What was measured.
     """
-    figure = new_figure(7.0, 5.2)
-    axes = figure.subplots()
     grid = _thinned(x_mm, y_mm, u_mm, max_jump_mm=np.inf)
-    image = _draw_plate_map(axes, grid)
-    known = u_mm[np.isfinite(u_mm)]
-    if known.size:
-        image.set_clim(*np.percentile(known, [1, 99]))
-    image.set_cmap(HEIGHT_MAP)
-    axes.set_title(title)
-    colourbar(axes, image, "u(z) / mm", extend="both")
-    return figure
+    low, high = np.nanpercentile(u_mm, [1, 99])
+    return _plate_map(grid, "u(z) / mm", (low, high), title=title)
 
 
 @styled
@@ -183,13 +161,27 @@ def _thinned(x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, max_jump_m
     return regular_grid(x, y, z_mm, spacing_mm=spacing_mm, max_jump_mm=max_jump_mm)
 
 
-def _draw_plate_map(axes: Axes, grid: RegularGrid) -> AxesImage:
+def _plate_map(
+    grid: RegularGrid,
+    label: str,
+    limits: tuple[float, float] | None = None,
+    *,
+    colours: str = HEIGHT_MAP,
+    title: str = "",
+) -> Figure:
+    """Draw a grid in the plate frame; without limits the scale holds every value."""
+    figure = new_figure(7.0, 5.2)
+    axes = figure.subplots()
     half = grid.spacing_mm / 2
     extent = (grid.x_mm[0] - half, grid.x_mm[-1] + half, grid.y_mm[0] - half, grid.y_mm[-1] + half)
     axes.set_facecolor(MASKED)
-    image = axes.imshow(grid.z_mm, origin="lower", extent=extent)
+    image = axes.imshow(grid.z_mm, origin="lower", extent=extent, cmap=colours)
+    if limits is not None:
+        image.set_clim(*limits)
     plate_axes(axes)
-    return image
+    axes.set_title(title)
+    colourbar(axes, image, label, extend="neither" if limits is None else "both")
+    return figure
 
 
 def _shrunk(values: np.ndarray) -> np.ndarray:
