@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter, minimum_filter
 from jsonschema import Draft202012Validator
 
 from fringecal.records.schemas import published_schema
@@ -109,6 +110,18 @@ def test_verify_for_people_can_be_read_on_80_columns(run, data, calibration, tmp
     assert len(first) == len(PROFILE_KEYS)
 
 
+def demand_true_flanks(maps, true, bands=10):
+    """On lit flanks, three pixels off ridges, feet and shadows: the mean, each band of height, and u(z) at each pixel."""
+    full, height = float(true["bars"].max()), true["bars"]
+    inside = (minimum_filter(height, 7) > 0.02 * full) & (maximum_filter(height, 7) < 0.97 * full)
+    flank = inside & minimum_filter(true["lit"], 5) & maps["mask"]
+    error, band = (maps["z"] - height)[flank], (height[flank] * bands / full).astype(int)
+    assert np.count_nonzero(flank) > 100_000
+    assert abs(error.mean()) < 0.002 * full
+    assert max(abs(error[band == b].mean()) for b in range(bands)) < 0.004 * full
+    assert 0.90 < np.mean(np.abs(error) <= 1.96 * maps["u_z"][flank]) < 0.98
+
+
 def test_reconstruct(data, reconstructed):
     out, printed = reconstructed
     written = {path.name for path in out.iterdir()}
@@ -118,6 +131,7 @@ def test_reconstruct(data, reconstructed):
         lit = maps["mask"] & true["lit"]
         # Median of all pixels, plate and bars: 0.003 mm of 3 mm strips, on 10 mm at most.
         assert abs(np.median((maps["z"] - true["bars"])[lit])) < 0.01
+        demand_true_flanks(maps, true)
         assert printed["shares"]["valid"] == maps["mask"].mean()
     assert printed["z_max_mm"] == pytest.approx(21.2, abs=0.5)
     demand_no_leftovers(out)
