@@ -3,19 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
 from fringecal.errors import SessionError
 from fringecal.procedures.examination import Examination, examine, plate_beside
-from fringecal.procedures.frames import CapturePhase, frames_of, phase_of_capture
+from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.treatment import filtered_phase
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.models import HEIGHT_MODELS
 from fringecal.reconstruct.height import HeightMap, absolute_phase, height_of_phase
 from fringecal.session import Capture, Session
 from fringecal.targets.models import BallBar, Box, Flat, Sphere, Steps, Wedge, Zigzag
 from fringecal.verify.errors import ZigzagErrors, zigzag_errors
-from fringecal.verify.filters import FILTERS, FilterResult, filter_study, filtered
+from fringecal.verify.filters import FILTERS, FilterResult, filter_study
 from fringecal.verify.pose import ZigzagPose
 from fringecal.verify.registration import register_zigzag
 from fringecal.verify.shape import zigzag_shape
@@ -162,15 +160,6 @@ def _filter_study(
     """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
     surfaces = {}
     for name in FILTERS:
-        frames = _filtered_frames(frames_of(phase.capture), name)
-        phase_map = phase.again(frames)
-        absolute = absolute_phase(phase_map, calibration, height_range_mm=heights)
+        absolute = absolute_phase(filtered_phase(phase, name), calibration, height_range_mm=heights)
         surfaces[name] = height_of_phase(absolute, calibration, height_range_mm=heights)
     return filter_study(surfaces, target, pose)
-
-
-def _filtered_frames(frames: NDArray[np.generic], name: str) -> NDArray[np.generic]:
-    """Filter each frame and round back to the camera's integers, as the thesis did."""
-    if name == "none":
-        return frames
-    return np.stack([np.rint(filtered(frame, name)).astype(frames.dtype) for frame in frames])
