@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fringecal.camera.plate import PlateCamera
-from fringecal.phase.demodulate import PhaseMap
+from fringecal.phase.demodulate import PhaseMap, demodulate
 from fringecal.phase.noise import Noise
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.models import height_changes
@@ -133,3 +133,32 @@ def test_row_polynomials_meet_the_rays_of_every_pixel(lens):
 def test_a_lens_that_folds_back_is_no_polynomial():
     values = {"scale_mm_per_px": 5.0, "height_mm": 300.0, "k1": -0.5}
     assert row_rays(PlateCamera.from_values(values, SHAPE)) is None
+
+
+def test_maps_may_lie_in_files(tmp_path):
+    # For pictures beyond memory: nothing but who holds the bytes may differ.
+    rig = calibration()
+    _, phase = surface_of(rig)
+    files = iter(tmp_path / f"map-{k}.bin" for k in range(5))
+
+    def on_disk(shape, dtype):
+        return np.memmap(next(files), dtype, "w+", shape=shape)
+
+    here, there = (height_of_phase(phase, rig, dtype=np.float32, **how) for how in ({}, {"allocate": on_disk}))
+    for name in ("x", "y", "z", "u_z", "u_random"):
+        np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+        assert isinstance(getattr(there, name), np.memmap)
+
+
+def test_phase_maps_may_lie_in_files(tmp_path):
+    frames = np.rint(
+        120 + 80 * np.cos(np.arange(900).reshape(1, 30, 30) / 3 + np.deg2rad([0, 120, 240])[:, None, None])
+    )
+    frames, steps = frames.astype(np.uint8), np.deg2rad([0, 120, 240])
+    kinds = {"phase": "f4", "modulation": "f4", "background": "f4", "sigma": "f4", "reasons": "u1"}
+    maps = {name: np.memmap(tmp_path / name, kind, "w+", shape=(30, 30)) for name, kind in kinds.items()}
+    there = demodulate(frames, steps, noise=Noise(1.0), out=PhaseMap(**maps, noise=Noise(1.0)))
+    here = demodulate(frames, steps, noise=Noise(1.0))
+    for name in kinds:
+        np.testing.assert_array_equal(getattr(here, name), np.fromfile(tmp_path / name, kinds[name]).reshape(30, 30))
+        assert getattr(there, name) is maps[name]

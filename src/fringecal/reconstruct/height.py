@@ -1,5 +1,8 @@
 """From an object's phase to x, y, z and u(z) in the plate frame."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
@@ -14,6 +17,8 @@ from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivitie
 
 Array = NDArray[np.float64]
 HeightRange = tuple[float, float] | None
+Allocate = Callable[[tuple[int, ...], DTypeLike], NDArray[Any]]
+"""Returns an array of a shape and a type, as `np.empty` does."""
 
 _SAMPLE = 300  # rows and columns of the sample that says between which heights a surface lies
 
@@ -24,6 +29,7 @@ def reconstruct_height(
     *,
     model: str = "projective",
     height_range_mm: HeightRange = None,
+    allocate: Allocate = np.empty,
 ) -> HeightMap:
     """Return the surface of an object from its phase, as float32 maps.
 
@@ -37,9 +43,14 @@ def reconstruct_height(
         Name of a height model; see `height_model`.
     height_range_mm
         Heights that the object can have: helps to decide pieces that touch no plate, masks what lies outside.
+    allocate
+        Makes the five maps, 20 bytes a pixel. They are written once, row by row: for pictures that memory does not
+        hold it may return `np.memmap`s, as the buffers of `demodulate(out=...)` may be: 33 of 50 bytes a pixel stay.
     """
     phase = absolute_phase(phase_map, calibration, height_range_mm=height_range_mm)
-    return height_of_phase(phase, calibration, model=model, height_range_mm=height_range_mm, dtype=np.float32)
+    return height_of_phase(
+        phase, calibration, model=model, height_range_mm=height_range_mm, dtype=np.float32, allocate=allocate
+    )
 
 
 def height_of_phase(
@@ -49,6 +60,7 @@ def height_of_phase(
     model: str = "projective",
     height_range_mm: HeightRange = None,
     dtype: DTypeLike = np.float64,
+    allocate: Allocate = np.empty,
 ) -> HeightMap:
     """Return the surface from absolute phase: the second half of `reconstruct_height`.
 
@@ -56,7 +68,7 @@ def height_of_phase(
     ----------
     phase
         The object's phase over the plate's.
-    calibration, model, height_range_mm
+    calibration, model, height_range_mm, allocate
         As for `reconstruct_height`.
     dtype
         Type of the maps: float32 halves the memory and rounds coordinates below 512 mm by 0.03 um at most.
@@ -66,7 +78,7 @@ def height_of_phase(
     if rows is None:
         return _by_maps(phase, calibration, systematic, model, height_range_mm)
     shape = phase.step_rad.shape
-    x, y, z, u_z, u_random = (np.empty(shape, dtype) for _ in range(5))
+    x, y, z, u_z, u_random = (allocate(shape, dtype) for _ in range(5))
     maps = Maps(x, y, z, u_z, u_random, phase.reasons.copy())
     doubt = doubt_rows(systematic, calibration.excess_rad, height_range_mm)
     surface_rows(phase.step_rad, phase.sigma_rad, rows, doubt, maps)
