@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from scipy.ndimage import maximum_filter, minimum_filter
 from jsonschema import Draft202012Validator
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from fringecal.records.schemas import published_schema
 from fringecal.session.report import published_schema as check_schema
@@ -111,7 +111,7 @@ def test_verify_for_people_can_be_read_on_80_columns(run, data, calibration, tmp
 
 
 def demand_true_flanks(maps, true, bands=10):
-    """On lit flanks, three pixels off ridges, feet and shadows: the mean, each band of height, and u(z) at each pixel."""
+    """On lit flanks, three pixels off every edge: the mean, each band of height, and u(z) at each pixel."""
     full, height = float(true["bars"].max()), true["bars"]
     inside = (minimum_filter(height, 7) > 0.02 * full) & (maximum_filter(height, 7) < 0.97 * full)
     flank = inside & minimum_filter(true["lit"], 5) & maps["mask"]

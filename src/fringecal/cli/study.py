@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
@@ -98,13 +99,14 @@ def _now_and_then(show, rigs: int):  # type: ignore[no-untyped-def]
 
 
 def _table(summary: "StudySummary") -> Table:
-    table = Table(title="Errors against stated uncertainties; coverage of 95 % intervals with its binomial band")
-    for heading in ("quantity", "bias", "spread", "stated u", "spread/u", "coverage/%", "band/%", "unit"):
-        table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right", no_wrap=True)
+    title = "Errors against stated uncertainties; coverage of 95 % intervals with its binomial band"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("quantity", "bias", "stated u", "spread/u", "held/%", "band/%"):
+        table.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
     for q in summary.quantities:
         band = f"{100 * q.band[0]:.1f}..{100 * q.band[1]:.1f}"
-        numbers = (f"{q.bias:+.2g}", f"{q.spread:.2g}", f"{q.stated:.2g}", f"{q.ratio:.2f}", f"{100 * q.coverage:.1f}")
-        table.add_row(q.name, *numbers, band, q.unit)
+        numbers = (f"{q.bias:+.2g}", f"{q.stated:.2g}", f"{q.ratio:.2f}", f"{100 * q.coverage:.1f}")
+        table.add_row(f"{q.name} / {q.unit}", *numbers, band)
     return table
 
 
