@@ -90,6 +90,13 @@ def test_the_text_holds_every_value_and_cannot_end_its_element():
     np.testing.assert_array_equal(reasons, found.reasons)
 
 
+def test_a_value_without_end_is_none():
+    cells = np.array([[1.0, np.inf], [-np.inf, np.nan]])
+    content = json.loads(readable_picture(Layer("r", "rad", cells)).text())
+    values = np.frombuffer(base64.b64decode(content["layers"][0]["values"]), "<f4")
+    np.testing.assert_array_equal(values, np.array([1, np.nan, np.nan, np.nan], np.float32))
+
+
 def test_nodes_that_no_pixel_sees_have_none():
     x, y = plate()
     rows, columns = pixels_of_nodes(x, y, np.array([-100.0, 0.25, 100.0]), np.array([0.25, 100.0]))

@@ -8,7 +8,8 @@ import pandas as pd
 from fringecal.procedures.analytic import ANGLES_DEG, AnalyticCase
 from fringecal.report.figures_analytic import analytic_overview
 from fringecal.report.figures_surface import surface_view
-from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.readable import Layer, readable_plate
+from fringecal.report.structure import FigureItem, Live, Section, Table
 
 _WORDS = (
     "Three cosine images of a rectangle and of a zig-zag on a flat background, amplitude 127.5, are drawn by formula, "
@@ -61,7 +62,8 @@ def _figures(case: AnalyticCase) -> tuple[FigureItem, FigureItem]:
     overview = analytic_overview(
         case.frames[0], case.phase.phase, case.height_px, case.true_px, rows=case.rows, title=name
     )
+    values = readable_plate(u, v[::-1], (Layer("z", "px", case.height_px, 2),), unit="px")
     return (
         FigureItem(f"Image, phase, height, sections: {name}", overview, f"images and sections of the {name}", "png"),
-        FigureItem(f"Surface: {name}", view, f"surface of the {name}", "png"),
+        FigureItem(f"Surface: {name}", view, f"surface of the {name}", "png", Live(values, 1.0)),
     )

@@ -3,7 +3,7 @@
 import base64
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -64,7 +64,7 @@ class ReadableMap:
             "step": self.step,
             "size": (columns, rows),
             "layers": [
-                {"name": one.name, "unit": one.unit, "digits": one.digits, "values": _encoded(one.values, "<f4")}
+                {"name": one.name, "unit": one.unit, "digits": one.digits, "values": _encoded(_known(one), "<f4")}
                 for one in self.layers
             ],
             "reasons": None if self.reasons is None else _encoded(self.reasons, "u1"),
@@ -80,6 +80,7 @@ def readable_plate(
     layers: tuple[Layer, ...],
     *,
     masks: Mapping[str, np.ndarray] | None = None,
+    unit: str = "mm",
     longest_side: int = _LONGEST_SIDE,
 ) -> ReadableMap:
     """Sample maps given per pixel at the nodes of a grid in the plate frame; each node shows its nearest pixel.
@@ -92,6 +93,8 @@ def readable_plate(
         Quantities per pixel (H, W).
     masks
         Why pixels are masked: true pixels (H, W) by reason; the first one that holds is shown.
+    unit
+        Of both coordinates.
     longest_side
         Most nodes along a side.
 
@@ -107,13 +110,11 @@ def readable_plate(
     nodes = [first + step * np.arange(int(span / step) + 1) for first, span in zip(start, spans, strict=True)]
     rows, columns = pixels_of_nodes(x_mm, y_mm, *nodes)
     unseen = rows < 0
-    sampled = tuple(
-        Layer(one.name, one.unit, np.where(unseen, np.nan, one.values[rows, columns]), one.digits) for one in layers
-    )
+    sampled = tuple(replace(one, values=np.where(unseen, np.nan, one.values[rows, columns])) for one in layers)
     reasons = np.zeros(unseen.shape, np.uint8)
     for number, mask in reversed(list(enumerate((masks or {}).values(), start=1))):
         reasons[~unseen & mask[rows, columns]] = number
-    return ReadableMap(("x", "y"), "mm", start, (step, step), sampled, reasons, tuple(masks or ()))
+    return ReadableMap(("x", "y"), unit, start, (step, step), sampled, reasons, tuple(masks or ()))
 
 
 def readable_picture(layer: Layer, *, step_px: int = 1, longest_side: int = _LONGEST_SIDE) -> ReadableMap:
@@ -129,10 +130,13 @@ def readable_picture(layer: Layer, *, step_px: int = 1, longest_side: int = _LON
         Most nodes along a side.
     """
     thin = -(-max(layer.values.shape) // longest_side)
-    values = layer.values[::thin, ::thin]
     middle, step = (step_px - 1) / 2, float(step_px * thin)
-    thinned = Layer(layer.name, layer.unit, values, layer.digits)
+    thinned = replace(layer, values=layer.values[::thin, ::thin])
     return ReadableMap(("u", "v"), "px", (middle, middle), (step, step), (thinned,))
+
+
+def _known(layer: Layer) -> np.ndarray:
+    return np.where(np.isfinite(layer.values), layer.values, np.nan)
 
 
 def _encoded(values: np.ndarray, kind: str) -> str:

@@ -185,7 +185,7 @@ class Stage {
       text: lines.length ? lines[0].map((row, j) => row.map((_, i) => lines.map(layer => layer[j][i]).join(""))) : undefined,
       colorscale: "Viridis",
       colorbar: this.narrow ? { title, thickness: 10, orientation: "h", y: 1 } : { title, thickness: 14, len: 0.7 },
-      hovertemplate: `x %{x:.${digits}f} mm<br>y %{y:.${digits}f} mm<br>${height.name} %{z:.${height.digits}f} ${height.unit}%{text}<extra></extra>`,
+      hovertemplate: `x %{x:.${digits}f} ${this.map.unit}<br>y %{y:.${digits}f} ${this.map.unit}<br>${height.name} %{z:.${height.digits}f} ${height.unit}%{text}<extra></extra>`,
     };
   }
 
@@ -205,7 +205,8 @@ class Stage {
         camera: { eye: { ...this.view } },
         xaxis: title(map.coordinates[0], map.unit),
         yaxis: title(map.coordinates[1], map.unit),
-        zaxis: title(height.name, stretched),
+        // More would overlap on a flat box.
+        zaxis: { ...title(height.name, stretched), nticks: 4 },
       },
     };
   }
