@@ -160,6 +160,24 @@ def test_strips_of_another_certificate_bring_their_own_doubt(in_force, tmp_path)
     assert u_other == pytest.approx(np.hypot(u_same, np.hypot(1.0, 100 * 0.005 / 3)), rel=0.02)
 
 
+def test_strips_that_are_off_beside_a_better_block_raise_no_alarm(tmp_path):
+    """The calibration leans on the block: strips 2 u too high read so in every audit, and their doubt must say so."""
+    block = {"name": "block", "kind": "artefact", "target": "step-block", "use": "calibration"}
+    rig = small_rig()
+    rig = rig.at(capture=[*(c.model_dump() for c in rig.capture), block])
+    stated = load_target("glass-strips")
+    high = {"strips": type(stated).model_validate({**stated.model_dump(), "height_mm": {"value": 3.01, "u": 0.005}})}
+    record = calibration_record(
+        commission(taken(rig, tmp_path / "first", 1, captures=(*CAPTURES, "block"), targets=high))
+    )
+    found = InForce(calibration_of(record), record).audited(taken(rig, tmp_path / "s", 2, targets=high))
+    scale = change_named(found, "height scale, on the strips").found
+    # 0.01 of 3 mm is 0.33 %, of which the block, known to 0.005 of 50 mm, lets next to nothing into the calibration.
+    assert scale.value == pytest.approx(100 * 0.01 / 3, abs=0.04)
+    assert scale.u == pytest.approx(100 * 0.005 / 3, rel=0.1)
+    assert not found.changed
+
+
 def test_repeats_say_how_well_the_light_is_known():
     once, twice = AppearanceRecord(), AppearanceRecord(repeats=3, scatter_contrast=0.03)
     often = AppearanceRecord(repeats=12, scatter_contrast=0.012)
