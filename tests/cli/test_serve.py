@@ -1,4 +1,4 @@
-"""`fringecal serve`: pages of a history, read only, under its own name."""
+"""`fringecal serve`: pages of a history, under its own name."""
 
 import html
 import json
@@ -141,8 +141,8 @@ def test_what_is_not_there_is_not_found(client, place):
 
 @pytest.mark.parametrize("method", ["post", "put", "delete", "patch"])
 def test_nothing_can_be_written(client, method):
-    assert getattr(client, method)("/").status_code == 405
-    assert getattr(client, method)("/rig?name=bench-1", data=b"x" * 1000).status_code == 405
+    assert getattr(client, method)("/").status_code == 403
+    assert getattr(client, method)("/rig?name=bench-1", data=b"x" * 1000).status_code == 403
 
 
 def test_pages_run_no_script_and_answer_to_their_own_name_only(client):
@@ -173,9 +173,8 @@ def test_it_listens_on_this_machine(db, monkeypatch, capsys):
         return made[-1]
 
     monkeypatch.setattr(serving, "make_server", remembered)
-    thread = threading.Thread(
-        target=serve.serve, kwargs={"db": db, "host": "127.0.0.1", "port": 0, "as_json": True}, daemon=True
-    )
+    stated = {"db": db, "host": "127.0.0.1", "sessions": None, "work": None, "most_files": 2, "most_megabytes": 1}
+    thread = threading.Thread(target=serve.serve, kwargs=stated | {"port": 0, "as_json": True}, daemon=True)
     thread.start()
     assert ready.wait(30)
     port = made[0].server_port
@@ -183,8 +182,9 @@ def test_it_listens_on_this_machine(db, monkeypatch, capsys):
         assert b"bench-1" in answer.read()
     monkeypatch.undo()
     with pytest.raises(FringecalError, match="another --port"):
-        serve.serve(db=db, host="127.0.0.1", port=port, as_json=True)
+        serve.serve(**stated, port=port, as_json=True)
     made[0].shutdown()
     thread.join(30)
     made[0].server_close()
-    assert f"http://127.0.0.1:{port}/" in capsys.readouterr().out
+    printed = json.loads(capsys.readouterr().out)["address"]
+    assert re.fullmatch(rf"http://127\.0\.0\.1:{port}/\?token=[\w-]{{40,}}", printed)

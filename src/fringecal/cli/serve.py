@@ -1,26 +1,44 @@
-"""`fringecal serve`: a read-only page over the history, for the laboratory's browser."""
+"""`fringecal serve`: the history in the laboratory's browser, and a desk to check sessions and run commands on them."""
 
+import contextlib
+import secrets
+import signal
+import tempfile
+import threading
+from collections.abc import Iterator
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import DB
+from fringecal.cli.saving import demand_folder
+from fringecal.cli.serve_guard import LOOPBACK, guard
+from fringecal.cli.serve_uploads import Bounds
 from fringecal.errors import FringecalError, RecordError
 
 if TYPE_CHECKING:
     import flask
 
-HELP = """Show the history in a browser: rigs, last audits, records, charts and reports.
+    from fringecal.cli.serve_desk import Desk
 
-Read only: nothing can be changed or uploaded. Bound to this machine unless --host says otherwise; stop it with Ctrl-C.
+HELP = """Show the history in a browser, and check and run sessions there.
+
+Rigs, last audits, records, charts and reports; a session folder is dropped in, checked, and commissioned, verified or
+audited with its progress shown. The printed address holds a token, without which nothing is written. Bound to this
+machine; with another --host, which others can reach, the history is shown and nothing more. Stop it with Ctrl-C.
 Needs the extra `serve`.
 
 Example: fringecal serve --db history.db --port 8050
 """
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
-_NO_SCRIPT = "default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'self'"
+_FORM_BYTES = 1 << 20  # names and fields beside the files of an upload
+_FORM_PARTS = 1000  # more than the files that are taken, so that a few too many are told how many are
+_WORDS = {
+    404: "There is no such rig, record or file.",
+    413: "More was sent than is taken; --most-files and --most-megabytes of fringecal serve allow more.",
+}
 
 
 def register(app: typer.Typer) -> None:
@@ -34,30 +52,87 @@ def serve(
         "127.0.0.1", "--host", help="Address to listen on; another than this machine's is public."
     ),
     port: int = typer.Option(8050, "--port", min=0, max=65535, help="Port; 0 for any that is free."),
+    sessions: Path | None = typer.Option(None, "--sessions", help="Folder of session folders to choose from."),
+    work: Path | None = typer.Option(None, "--work", help="Folder to keep uploads and results in; else a passing one."),
+    most_files: int = typer.Option(Bounds.files, "--most-files", min=1, help="Most files of an upload."),
+    most_megabytes: int = typer.Option(Bounds.megabytes, "--most-megabytes", min=1, help="Most megabytes of one."),
     as_json: bool = typer.Option(False, "--json", help="Print the address as one JSON document."),
 ) -> None:
     """Open the history, serve it until interrupted."""
-    app = dashboard(db, host)
-    from werkzeug.serving import make_server
+    with _work_folder(work) as folder:
+        desk = _desk(db, folder, sessions, Bounds(most_files, most_megabytes)) if host in LOOPBACK else None
+        app = dashboard(db, host, desk)
+        from werkzeug.serving import make_server
 
+        try:
+            server = make_server(host, port, app, threaded=True)
+        except (OSError, SystemExit) as error:
+            raise FringecalError(f"{host}:{port} cannot be listened on ({error}); name another --port") from error
+        _tell(host, server.server_port, desk.token if desk else "", as_json)
+        try:
+            with _ended_by_signal():
+                server.serve_forever()
+        except KeyboardInterrupt:
+            server.server_close()
+        finally:
+            if desk:
+                desk.runs.close()
+
+
+@contextlib.contextmanager
+def _work_folder(work: Path | None) -> Iterator[Path]:
+    """Lend the folder named, or one that is removed with everything in it."""
+    if work is None:
+        with tempfile.TemporaryDirectory(prefix="fringecal-", ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+    else:
+        demand_folder(work)
+        work.mkdir(parents=True, exist_ok=True)
+        yield work.absolute()
+
+
+@contextlib.contextmanager
+def _ended_by_signal() -> Iterator[None]:
+    """Take a request to end as Ctrl-C, so that what runs is stopped and passing folders are removed."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield  # Python lets the main thread alone choose
+        return
+    before = signal.signal(signal.SIGTERM, interrupt)
     try:
-        server = make_server(host, port, app, threaded=True)
-    except (OSError, SystemExit) as error:
-        raise FringecalError(f"{host}:{port} cannot be listened on ({error}); name another --port") from error
-    address = f"http://{f'[{host}]' if ':' in host else host}:{server.server_port}/"
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _desk(db: str, work: Path, sessions: Path | None, bounds: Bounds) -> "Desk":
+    from fringecal.cli.serve_desk import Desk
+    from fringecal.cli.serve_runs import Runs
+
+    if sessions is not None and not sessions.is_dir():
+        raise FringecalError(
+            f"--sessions {sessions}: a folder was needed, there is none; name the one above your sessions"
+        )
+    return Desk(db, work, secrets.token_urlsafe(32), Runs(work), root=sessions, bounds=bounds)
+
+
+def _tell(host: str, port: int, token: str, as_json: bool) -> None:
+    """Print where the pages are."""
+    address = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
+    if token:
+        address += f"?token={token}"
     if as_json:
         print_json({"format": "fringecal-serve/1", "address": address})
-    else:
-        console.print(f"{address}  (Ctrl-C stops it)", markup=False, highlight=False)
-        if host not in LOOPBACK:
-            console.print("Other machines can read this history.", style="bold yellow", markup=False)
-    try:
-        server.serve_forever()
-    except KeyboardInterrupt:
-        server.server_close()
+        return
+    console.print(f"{address}  (Ctrl-C stops it)", markup=False, highlight=False, soft_wrap=True)
+    if host not in LOOPBACK:
+        console.print("Other machines can read this history; nothing is run here.", style="bold yellow", markup=False)
 
 
-def dashboard(db: str, host: str = "127.0.0.1") -> "flask.Flask":
+def dashboard(db: str, host: str = "127.0.0.1", desk: "Desk | None" = None) -> "flask.Flask":
     """Make the application over a history.
 
     Parameters
@@ -83,24 +158,22 @@ def dashboard(db: str, host: str = "127.0.0.1") -> "flask.Flask":
         raise FringecalError("Flask is not installed; pip install 'fringecal[serve]'") from error
     open_history(db, create=False).close()
     app = flask.Flask("fringecal", static_folder=None)
+    app.url_map.merge_slashes = False  # a name that begins with a slash is wrong, not to be mended
 
-    @app.before_request
-    def demand_own_name() -> None:
-        named = flask.request.host.rsplit(":", 1)[0].strip("[]")
-        if host in LOOPBACK and named not in LOOPBACK:
-            flask.abort(403)
+    guard(app, host, desk.token if desk else secrets.token_urlsafe(32))
+    if desk:
+        from fringecal.cli.serve_sessions import desk_pages
 
-    @app.after_request
-    def harden(response: "flask.Response") -> "flask.Response":
-        response.headers["Content-Security-Policy"] = _NO_SCRIPT
-        response.headers["X-Content-Type-Options"] = "nosniff"
-        return response
-
-    _routes(app, db)
+        app.config.update(
+            MAX_CONTENT_LENGTH=desk.bounds.megabytes * 10**6 + _FORM_BYTES,
+            MAX_FORM_PARTS=_FORM_PARTS + desk.bounds.files,
+        )
+        app.register_blueprint(desk_pages(desk))
+    _routes(app, db, "/sessions" if desk else "")
     return app
 
 
-def _routes(app: "flask.Flask", db: str) -> None:
+def _routes(app: "flask.Flask", db: str, desk: str) -> None:
     import flask
 
     from fringecal.history.store import open_history
@@ -109,7 +182,7 @@ def _routes(app: "flask.Flask", db: str) -> None:
     @app.get("/")
     def rigs() -> str:
         with open_history(db, create=False) as history:
-            return rigs_page(history.entries(), history.name)
+            return rigs_page(history.entries(), history.name, desk=desk)
 
     # Names of rigs are free text: as a query they may hold slashes.
     @app.get("/rig")
@@ -132,8 +205,7 @@ def _routes(app: "flask.Flask", db: str) -> None:
     @app.errorhandler(Exception)
     def refuse(error: Exception) -> tuple[str, int]:
         code = int(getattr(error, "code", None) or (400 if isinstance(error, RecordError) else 500))
-        words = {403: "Ask for this page under its own address.", 404: "There is no such rig or record."}
-        told = str(error) if isinstance(error, FringecalError) else words.get(code, "This page cannot be shown.")
+        told = str(error) if isinstance(error, FringecalError) else _WORDS.get(code, "This page cannot be shown.")
         return message_page("Not to be had", told), code
 
 

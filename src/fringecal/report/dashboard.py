@@ -35,7 +35,7 @@ class Choice:
     options: tuple[tuple[str, str], ...]
 
 
-def rigs_page(entries: pd.DataFrame, name: str) -> str:
+def rigs_page(entries: pd.DataFrame, name: str, *, desk: str = "") -> str:
     """Show every rig of a history: how many records, the last one, the last calibration and audit.
 
     Parameters
@@ -44,11 +44,14 @@ def rigs_page(entries: pd.DataFrame, name: str) -> str:
         Rows of `History.entries`, in the order of capture.
     name
         What the history is called.
+    desk
+        Where sessions are checked and run; empty where nothing can be written.
     """
     columns = ("rig", "records", "last record", "verdict", "last calibration", "last audit", "its verdict")
     rows = tuple(_rig_row(str(rig), group) for rig, group in entries.groupby("rig"))
     block = Block("Rigs", columns, rows, "The history is empty: fringecal history add appends records.")
-    return _page("Rigs", f"{len(entries)} records in {name}", (), (block,))
+    links = (Cell("Check and run a session", desk),) if desk else ()
+    return _page("Rigs", f"{len(entries)} records in {name}", links, (block,))
 
 
 def _rig_row(rig: str, group: pd.DataFrame) -> tuple[Cell, ...]:
@@ -112,8 +115,12 @@ def _text(value: object) -> str:
 def _page(
     title: str, subtitle: str, links: tuple[Cell, ...], sections: tuple[Block, ...], choice: Choice | None = None
 ) -> str:
+    return render("dashboard.html.j2", title=title, subtitle=subtitle, links=links, sections=sections, choice=choice)
+
+
+def render(template: str, **values: object) -> str:
+    """Fill a template of the dashboard; every text is escaped, and a value that is missing is an error."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fringecal.report"), autoescape=True, undefined=jinja2.StrictUndefined
     )
-    template = environment.get_template("dashboard.html.j2")
-    return template.render(title=title, subtitle=subtitle, links=links, sections=sections, choice=choice)
+    return environment.get_template(template).render(values)
