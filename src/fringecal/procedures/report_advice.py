@@ -1,11 +1,16 @@
 """The report's last word on a rig: what heights will be known to, and what to measure next."""
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from fringecal.procedures.commission import Commissioning
 from fringecal.projection.advice import Advice
 from fringecal.report.figures_advice import cause_bars, field_uncertainty, gain_lines
-from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.readable import Layer, ReadableMap
+from fringecal.report.structure import FigureItem, Live, Section, Table
+
+Array = NDArray[np.float64]
 
 
 def advice_section(found: Commissioning) -> Section:
@@ -62,10 +67,11 @@ def _figures(advice: Advice) -> tuple[FigureItem, ...]:
     causes = {f.z_mm: f.causes() for f in advice.forecasts}
     middle = advice.forecasts[len(advice.forecasts) // 2]
     field = field_uncertainty(middle.u_px, middle.v_px, middle.u_mm, title=f"height of {middle.z_mm:g} mm")
-    where = f"from {float(middle.u_mm.min()):.2g} to {float(middle.u_mm.max()):.2g} mm"
+    live = Live(_readable(middle.u_px, middle.v_px, middle.u_mm))
+    alt = f"Standard uncertainty, from {float(middle.u_mm.min()):.2g} to {float(middle.u_mm.max()):.2g} mm."
     items = (
         FigureItem("Causes of height uncertainty", cause_bars(causes), advice.sentences[len(causes) // 2]),
-        FigureItem("Height uncertainty over the field", field, f"Map of the standard uncertainty, {where}.", "png"),
+        FigureItem("Height uncertainty over the field", field, alt, "png", live),
     )
     if not advice.gains:
         return items
@@ -77,3 +83,10 @@ def _figures(advice: Advice) -> tuple[FigureItem, ...]:
         [list(g.after_mm.values()) for g in advice.gains],
     )
     return (*items, FigureItem("Gain by one more artefact", figure, advice.sentences[-1]))
+
+
+def _readable(u_px: Array, v_px: Array, u_mm: Array) -> ReadableMap:
+    """Take the forecast's pixels as they are: on a regular grid, but for rounding to whole pixels."""
+    start = (float(u_px[0, 0]), float(v_px[0, 0]))
+    step = (float(np.ptp(u_px)) / (u_px.shape[1] - 1), float(np.ptp(v_px)) / (v_px.shape[0] - 1))
+    return ReadableMap(("u", "v"), "px", start, step, (Layer("u(z)", "mm", u_mm, 4),))
