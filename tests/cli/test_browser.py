@@ -193,7 +193,11 @@ def test_the_dashboard_leads_to_a_comparison(listening, two_calibrations, photog
     page.goto(address)
     page.get_by_role("link", name=rig).click()
     assert page.get_by_role("heading", level=1).inner_text() == rig
-    readable_for_everybody(page, "the rig's page")
+    for width in WIDTHS_PX:
+        page.set_viewport_size({"width": width, "height": 800})
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        readable_for_everybody(page, f"the rig's page at {width} px")
+    page.set_viewport_size({"width": 1000, "height": 800})
     photograph(page, "dashboard-rig")
     first, second = page.get_by_label("First"), page.get_by_label("Second")
     offered = first.locator("option").evaluate_all("options => options.map(option => option.value)")
