@@ -105,6 +105,14 @@ def test_nodes_that_no_pixel_sees_have_none():
     assert rows.tolist() == [[-1, 59, -1], [-1, -1, -1]]
 
 
+def test_maps_of_other_shapes_are_refused():
+    x, y = plate()
+    with pytest.raises(RecordError, match="one shape"):
+        readable_plate(x, y, (Layer("z", "mm", x[1:]),))
+    with pytest.raises(RecordError, match="one shape"):
+        readable_plate(x, y, (Layer("z", "mm", x),), masks={"dark": x[:, 1:] > 0})
+
+
 @pytest.mark.parametrize("valid", [0, 1])
 def test_too_few_pixels_are_refused(valid):
     x, y = (np.full((4, 5), np.nan) for _ in range(2))

@@ -5,13 +5,14 @@ import functools
 import gzip
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import jinja2
 from matplotlib.axes import Axes
 
 from fringecal.records.files import write_text
 from fringecal.report.readable import ReadableMap
-from fringecal.report.structure import FigureItem, Live, Report, Table, slug
+from fringecal.report.structure import FigureItem, Live, Report, Section, Table, slug
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 
 
@@ -61,6 +62,28 @@ def render_html(report: Report) -> str:
         downloaded as CSV with all its digits. Figures with values are read under the pointer, or turned,
         by a script of the page's own; without it, and on paper, they are the same pictures.
     """
+    word, sign = DECISIONS[report.verdict.decision]
+    lives = [item.live for section in report.sections for item in section.figures if item.live]
+    # Figures of one object share its values: they stand in the page once.
+    values = {one: f"values-{n}" for n, one in enumerate(dict.fromkeys(live.values for live in lives), start=1)}
+    files = inputs_table(report)
+    return _template().render(
+        report=report,
+        word=word,
+        sign=sign,
+        sections=[_view_section(section, n, values) for n, section in enumerate(report.sections, start=1)],
+        inputs=_view_table(files) if files is not None else None,
+        values={name: one.text() for one, name in values.items()},
+        plotly=_plotly() if any(live.stretch is not None for live in lives) else "",
+    )
+
+
+def write_html(report: Report, path: str | Path) -> Path:
+    """Write a report as one HTML file, whole or not at all, and return its path."""
+    return write_text(path, render_html(report))
+
+
+def _template() -> jinja2.Template:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("fringecal.report"),
         autoescape=True,
@@ -68,39 +91,18 @@ def render_html(report: Report) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    word, sign = DECISIONS[report.verdict.decision]
-    lives = [item.live for section in report.sections for item in section.figures if item.live]
-    # Figures of one object share its values: they stand in the page once.
-    values = {one: f"values-{n}" for n, one in enumerate(dict.fromkeys(live.values for live in lives), start=1)}
-    sections = [
-        {
-            "title": section.title,
-            "id": f"section-{number}",
-            "sentences": section.sentences,
-            "tables": [_view_table(table) for table in section.tables],
-            "figures": [_view_figure(item, values) for item in section.figures],
-            "side_by_side": section.side_by_side,
-        }
-        for number, section in enumerate(report.sections, start=1)
-    ]
-    files = inputs_table(report)
-    page = environment.get_template("report.html.j2")
-    inputs = _view_table(files) if files is not None else None
-    turns = any(live.stretch is not None for live in lives)
-    return page.render(
-        report=report,
-        word=word,
-        sign=sign,
-        sections=sections,
-        inputs=inputs,
-        values={name: one.text() for one, name in values.items()},
-        plotly=_plotly() if turns else "",
-    )
+    return environment.get_template("report.html.j2")
 
 
-def write_html(report: Report, path: str | Path) -> Path:
-    """Write a report as one HTML file, whole or not at all, and return its path."""
-    return write_text(path, render_html(report))
+def _view_section(section: Section, number: int, values: dict[ReadableMap, str]) -> dict[str, Any]:
+    return {
+        "title": section.title,
+        "id": f"section-{number}",
+        "sentences": section.sentences,
+        "tables": [_view_table(table) for table in section.tables],
+        "figures": [_view_figure(item, values) for item in section.figures],
+        "side_by_side": section.side_by_side,
+    }
 
 
 def _view_figure(item: FigureItem, values: dict[ReadableMap, str]) -> _FigureView:

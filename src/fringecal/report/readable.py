@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.records.grids import pixels_of_nodes, sample_spacing_mm
+from fringecal.records.grids import demand_maps, pixels_of_nodes, sample_spacing_mm
 
 _LONGEST_SIDE = 200  # nodes: one layer of 200 x 150 takes 160 kB of a page
 
@@ -103,6 +103,7 @@ def readable_plate(
     RecordError
         Shapes disagree, or too few pixels are valid to span a grid.
     """
+    demand_maps(x_mm, y_mm, *(one.values for one in layers), *(masks or {}).values())
     spacing = sample_spacing_mm(x_mm, y_mm)
     spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x_mm, y_mm)])
     step = max(spacing, float(spans.max()) / (longest_side - 1))
