@@ -3,6 +3,7 @@
 import contextlib
 import secrets
 import signal
+import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -21,6 +22,7 @@ from fringecal.errors import FringecalError, RecordError
 
 if TYPE_CHECKING:
     import flask
+    from werkzeug.serving import WSGIRequestHandler
 
     from fringecal.cli.serve_desk import Desk
 
@@ -65,7 +67,7 @@ def serve(
         from werkzeug.serving import make_server
 
         try:
-            server = make_server(host, port, app, threaded=True)
+            server = make_server(host, port, app, threaded=True, request_handler=_discreet())
         except (OSError, SystemExit) as error:
             raise FringecalError(f"{host}:{port} cannot be listened on ({error}); name another --port") from error
         _tell(host, server.server_port, desk.token if desk else "", as_json)
@@ -77,6 +79,18 @@ def serve(
         finally:
             if desk:
                 desk.runs.close()
+
+
+def _discreet() -> "type[WSGIRequestHandler]":
+    """Make a request handler that keeps the token out of the log, which may be a file that others read."""
+    from werkzeug.serving import WSGIRequestHandler
+
+    class Discreet(WSGIRequestHandler):
+        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
+            if "token=" not in self.path:
+                super().log_request(code, size)
+
+    return Discreet
 
 
 @contextlib.contextmanager
@@ -126,6 +140,7 @@ def _tell(host: str, port: int, token: str, as_json: bool) -> None:
         address += f"?token={token}"
     if as_json:
         print_json({"format": "fringecal-serve/1", "address": address})
+        sys.stdout.flush()  # a program waits for it
         return
     console.print(f"{address}  (Ctrl-C stops it)", markup=False, highlight=False, soft_wrap=True)
     if host not in LOOPBACK:
@@ -205,6 +220,8 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
     @app.errorhandler(Exception)
     def refuse(error: Exception) -> tuple[str, int]:
         code = int(getattr(error, "code", None) or (400 if isinstance(error, RecordError) else 500))
+        if code == 500 and not isinstance(error, FringecalError):
+            app.logger.error("a page failed", exc_info=error)
         told = str(error) if isinstance(error, FringecalError) else _WORDS.get(code, "This page cannot be shown.")
         return message_page("Not to be had", told), code
 

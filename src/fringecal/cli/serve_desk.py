@@ -100,12 +100,12 @@ def ending(run: Run) -> tuple[str, str, tuple[str, ...]] | None:
     if run.code is None:
         return None
     if not run.out.is_dir():
-        told = "Stopped; nothing was written." if run.cancelled else f"Ended with exit code {run.code}: no results."
-        return ("info" if run.cancelled else "fail", told, ())
-    files = tuple(
-        sorted((f.name for f in run.out.iterdir() if f.is_file()), key=lambda name: (name != REPORT_FILE, name))
-    )
-    return read_entry(run.out).decision, f"Ended with exit code {run.code}.", files
+        if run.cancelled:
+            return "info", "Stopped; nothing was written.", ()
+        return "fail", f"Ended with exit code {run.code}: no results. {run.last_line}", ()
+    names = sorted(file.name for file in run.out.iterdir() if file.is_file())
+    names.sort(key=lambda name: name != REPORT_FILE)
+    return read_entry(run.out).decision, f"Ended with exit code {run.code}. {run.last_line}", tuple(names)
 
 
 def calibrations(desk: Desk, rig: str) -> list[tuple[str, str]]:

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import datetime
 from pathlib import Path
 
 from fringecal.cli.serve_guard import Refused
@@ -28,6 +29,7 @@ class Run:
     title: str
     session: str
     folder: Path
+    started: datetime
     process: subprocess.Popen[str]
     lines: list[str] = field(default_factory=list)
     code: int | None = None
@@ -38,6 +40,12 @@ class Run:
     def out(self) -> Path:
         """Folder of the results, which appears in one piece when the command has ended."""
         return self.folder / "out"
+
+    @property
+    def last_line(self) -> str:
+        """What it said last, but for where the report is: that lies in a folder of the server's."""
+        said = (line.strip() for line in reversed(self.lines))
+        return next((line for line in said if line and not line.startswith("report: ")), "")
 
     def follow(self, start: int = 0) -> Iterator[tuple[int, str] | None]:
         """Yield every line with its number from `start`, as it comes, until the end.
@@ -75,7 +83,7 @@ class Runs:
 
     def newest_first(self) -> tuple[Run, ...]:
         """Every run, the newest first."""
-        return tuple(reversed(self._runs.values()))
+        return tuple(self._runs.values())[::-1]
 
     def named(self, key: str) -> Run:
         """Return the run of this key.
@@ -112,7 +120,8 @@ class Runs:
             key = secrets.token_hex(8)
             folder = self._folder / f"run-{key}"
             folder.mkdir(mode=0o700)
-            run = Run(key, title, session, folder, _launched([*self._command, *arguments(folder)]))
+            process = _launched([*self._command, *arguments(folder)])
+            run = Run(key, title, session, folder, datetime.now(), process)
             self._runs[key] = run
         threading.Thread(target=_listen, args=(run,), daemon=True).start()
         return run

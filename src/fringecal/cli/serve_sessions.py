@@ -15,7 +15,7 @@ from fringecal.cli.serve_uploads import SUFFIXES, receive
 if TYPE_CHECKING:
     import flask
 
-    from fringecal.report.session_pages import Seal
+    from fringecal.report.session_pages import RunParts, Seal
 
 
 def desk_pages(desk: Desk) -> "flask.Blueprint":
@@ -52,7 +52,7 @@ def _session_routes(pages: "flask.Blueprint", desk: Desk) -> None:
 
     @pages.get("/sessions")
     def sessions() -> "flask.Response":
-        lists = ([(o.key, o.label) for o in reversed(desk.opened.values())], _titles(desk.runs.newest_first()))
+        lists = ([(o.key, o.label) for o in list(desk.opened.values())[::-1]], _titles(desk.runs.newest_first()))
         limits = (desk.bounds.files, desk.bounds.megabytes, SUFFIXES)
         return _shown(desk, lambda seal: sessions_page(seal, limits, sorted(desk.offered()), *lists))
 
@@ -91,7 +91,7 @@ def _run_routes(pages: "flask.Blueprint", desk: Desk) -> None:
     @pages.get("/runs/<key>")
     def run(key: str) -> "flask.Response":
         one = desk.runs.named(key)
-        return _shown(desk, lambda seal: run_page(seal, one.key, one.title, one.session, one.lines[:], ending(one)))
+        return _shown(desk, lambda seal: run_page(seal, _parts(one), one.lines[:], ending(one)))
 
     @pages.get("/runs/<key>/progress")
     def progress(key: str) -> "flask.Response":
@@ -144,8 +144,15 @@ def _titles(runs: tuple[Run, ...]) -> list[tuple[str, str]]:
     return [(run.key, f"{run.title}: {'under way' if run.code is None else 'ended'}") for run in runs]
 
 
+def _parts(run: Run) -> "RunParts":
+    from fringecal.report.session_pages import RunParts
+
+    return RunParts(run.key, run.title, run.session, run.started)
+
+
 def _events(run: Run, start: int) -> Iterator[str]:
     """Lines of a run as server-sent events, and its end."""
+    yield ": here they come\n\n"  # the browser knows at once that it is connected
     for numbered in run.follow(start):
         if numbered is None:
             yield ": still at it\n\n"

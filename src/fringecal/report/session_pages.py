@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from datetime import datetime
 
 from fringecal.report.dashboard import render
 from fringecal.report.views import DECISIONS
@@ -24,6 +25,16 @@ class Seal:
 
     nonce: str
     token: str
+
+
+@dataclass(frozen=True)
+class RunParts:
+    """A command that was started: its key and title, the key of its session, and when."""
+
+    key: str
+    title: str
+    session: str
+    started: datetime
 
 
 def sessions_page(
@@ -96,24 +107,15 @@ def session_page(
     )
 
 
-def run_page(
-    seal: Seal,
-    key: str,
-    title: str,
-    session: str,
-    lines: Sequence[str],
-    ending: tuple[str, str, tuple[str, ...]] | None,
-) -> str:
+def run_page(seal: Seal, run: RunParts, lines: Sequence[str], ending: tuple[str, str, tuple[str, ...]] | None) -> str:
     """Show a command under way with its steps as they come, or how it ended and what it wrote.
 
     Parameters
     ----------
     seal
         Nonce and token.
-    key, title
-        The run.
-    session
-        Key of its session.
+    run
+        The command.
     lines
         What it printed so far.
     ending
@@ -122,11 +124,11 @@ def run_page(
     decision, told, files = ending or ("info", "Under way.", ())
     return render(
         "run.html.j2",
-        title=title,
-        subtitle="A command and what it says.",
+        title=run.title,
+        subtitle=f"Started {run.started:%Y-%m-%d %H:%M:%S}",
         seal=seal,
-        key=key,
-        session=session,
+        key=run.key,
+        session=run.session,
         lines=lines,
         ended=ending is not None,
         decision=decision,
