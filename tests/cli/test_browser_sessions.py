@@ -29,9 +29,12 @@ def server(tmp_path_factory):
     command = [sys.executable, "-m", "fringecal", "serve", "--db", "history.db", "--port", "0", "--json"]
     one_thread = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}  # others need the machine too
     environment = os.environ | one_thread | {"TMPDIR": str(folder / "tmp")}
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=environment
-    ) as process:
+    with (
+        (folder / "log").open("w") as log,
+        subprocess.Popen(
+            command, cwd=folder, stdout=subprocess.PIPE, stderr=log, text=True, env=environment
+        ) as process,
+    ):
         text = ""
         while not text.endswith("}\n"):
             line = process.stdout.readline()
@@ -41,6 +44,9 @@ def server(tmp_path_factory):
         process.send_signal(signal.SIGTERM)
         assert process.wait(30) == 0
     assert list((folder / "tmp").iterdir()) == []  # uploads and results are gone
+    asked = (folder / "log").read_text()
+    assert "GET /sessions" in asked
+    assert "token" not in asked
 
 
 @pytest.fixture

@@ -139,11 +139,12 @@ def test_a_stranger_with_the_form_but_not_the_cookie_writes_nothing(app, desk, p
 
 
 def test_a_program_brings_the_token_in_a_header(app, pictures):
-    answer = app.test_client().post(
-        "/sessions", **sent(pictures, ""), headers={"X-Fringecal-Token": TOKEN, "Accept": "application/json"}
-    )
+    program, token = app.test_client(), {"X-Fringecal-Token": TOKEN}
+    answer = program.post("/sessions", **sent(pictures, ""), headers=token | {"Accept": "application/json"})
     assert answer.status_code == 201
     assert re.fullmatch(r"/sessions/[0-9a-f]{16}", answer.json["location"])
+    assert "may be used" in program.get(answer.json["location"], headers=token).text
+    assert program.get(answer.json["location"]).status_code == 403
 
 
 def test_pages_of_the_desk_are_for_holders_of_the_token(app, client):

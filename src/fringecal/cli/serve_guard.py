@@ -74,7 +74,7 @@ def page_policy(nonce: str) -> str:
 
 
 def demand_reader(token: str) -> None:
-    """Refuse readers of private pages who did not open the address with the token.
+    """Refuse readers of private pages who did not open the address with the token, nor send it as a header.
 
     Raises
     ------
@@ -83,7 +83,9 @@ def demand_reader(token: str) -> None:
     """
     import flask
 
-    if not _same(flask.request.cookies.get(_cookie(flask.request.host), ""), token):
+    request = flask.request
+    given = request.headers.get(TOKEN_HEADER) or request.cookies.get(_cookie(request.host), "")
+    if not _same(given, token):
         raise Refused("Open the address that `fringecal serve` printed when it started: it holds a token.", 403)
 
 
