@@ -7,6 +7,8 @@ uncertainty of it does to all parameters at once. Any quantity's budget is its c
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -231,10 +233,11 @@ def calibrate_rig(
             progress(f"sensitivity to {doubt.label}")
             effect = _joined(camera, solve(camera, (index, number), fit).model) - base
             modes.append(Mode(doubt.label, effect, doubt.dof))
-    for label, effect in _camera_effects(camera_fit):
+    for label, effects in groupby(_camera_effects(camera_fit), key=itemgetter(0)):
         progress(f"sensitivity to {label}")
-        moved = camera.replaced(camera.parameters + effect)
-        modes.append(Mode(label, _joined(moved, solve(moved, start=fit).model) - base, camera_fit.dof))
+        for _, effect in effects:
+            moved = camera.replaced(camera.parameters + effect)
+            modes.append(Mode(label, _joined(moved, solve(moved, start=fit).model) - base, camera_fit.dof))
     excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
     return RigCalibration(camera, fit.model, tuple(modes), excess), fit
 
