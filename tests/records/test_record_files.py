@@ -1,3 +1,4 @@
+import hashlib
 import os
 import signal
 import subprocess
@@ -9,7 +10,7 @@ import pandas as pd
 import pytest
 
 from fringecal.errors import RecordError
-from fringecal.records.files import replacing, result_folder, write_bytes, write_table, write_text
+from fringecal.records.files import EARLIER, replacing, result_folder, write_bytes, write_table, write_text
 from fringecal.records.provenance import sha256_of
 
 
@@ -73,7 +74,7 @@ def test_an_existing_folder_keeps_other_files_and_gets_the_record_last(tmp_path)
         (staging / "calibration.json").write_text("new")
         (staging / "z.csv").write_text("1")
     assert (out / "calibration.json").read_text() == "new"
-    assert names(out) == ["calibration.json", "diary.txt", "z.csv"]
+    assert names(out) == ["calibration.json", "diary.txt", "earlier", "z.csv"]
     changed = {name: (out / name).stat().st_ctime_ns for name in ("z.csv", "calibration.json")}
     assert changed["z.csv"] <= changed["calibration.json"]
 
@@ -129,3 +130,13 @@ def test_hashes_are_those_of_the_standard_and_a_missing_file_is_refused(tmp_path
     assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
     with pytest.raises(RecordError, match="cannot be read"):
         sha256_of(tmp_path)
+
+
+def test_a_replaced_record_is_kept_by_its_hash(tmp_path):
+    for text in ("first", "second", "second"):
+        with result_folder(tmp_path / "out") as staging:
+            (staging / "calibration.json").write_text(text)
+            (staging / "report.html").write_text(text)
+    assert (tmp_path / "out" / "calibration.json").read_text() == "second"
+    kept = {path.name: path.read_text() for path in (tmp_path / "out" / EARLIER).iterdir()}
+    assert kept == {f"calibration-{hashlib.sha256(b'first').hexdigest()[:12]}.json": "first"}

@@ -28,6 +28,12 @@ Example: fringecal check bench/2026-11-22 --json
 """
 
 
+_NEXT = (
+    "A session: every file is there and can be read. What the pictures show was not judged; "
+    "fringecal phase SESSION --doctor looks into the fringes, fringecal procedure run walks the whole."
+)
+
+
 def check(
     session: Path = typer.Argument(..., help="Folder that holds session.toml.", show_default=False),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-check/1)."),
@@ -50,6 +56,8 @@ def show(outcome: SessionCheck) -> None:
         console.print(f"note: {note}", markup=False, soft_wrap=True, highlight=False)
     if outcome.session is None:
         complain(SessionError([str(fault) for fault in outcome.faults]))
+    else:
+        console.print(_NEXT, markup=False, soft_wrap=True, highlight=False)
 
 
 def _table(session: Session) -> Table:

@@ -38,7 +38,7 @@ def commission(
     from fringecal.procedures.report_commission import commission_report
     from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
     from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
-    from fringecal.records.files import result_folder
+    from fringecal.records.files import EARLIER, result_folder
     from fringecal.records.limits import limits_for
     from fringecal.session import load_session
 
@@ -62,7 +62,8 @@ def commission(
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
     console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
-    tell_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:]), out)
+    kept = (f"earlier calibrations are kept in {out / EARLIER}",) if (out / EARLIER).is_dir() else ()
+    tell_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
 
 
 def _table(estimates) -> Table:  # type: ignore[no-untyped-def]

@@ -152,7 +152,7 @@ def _as_grey(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     if not np.isfinite(grey).all():
         raise DetectionError("the picture holds NaN or infinite values; fill or mask them first")
     if float(np.ptp(grey)) == 0.0:
-        raise DetectionError("the picture has one single brightness everywhere: no grid to be seen")
+        raise DetectionError("the picture has one single brightness everywhere: no grid to be seen; take it again")
     return grey
 
 

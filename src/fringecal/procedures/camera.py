@@ -11,7 +11,7 @@ from fringecal.camera.lens import Lens
 from fringecal.camera.plate_fit import CameraFit
 from fringecal.camera.scale import ThesisScale, thesis_scale
 from fringecal.detect.grid import GridDetection, find_grid
-from fringecal.errors import FitError, SessionError
+from fringecal.errors import DetectionError, FitError, SessionError
 from fringecal.procedures.lens import KnownLens, known_lens
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
@@ -94,7 +94,10 @@ def measure_camera(session: Session) -> CameraFindings:
     capture = session.one("grid")
     if not isinstance(capture.target, LineGrid):
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
-    detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
+    try:
+        detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
+    except DetectionError as error:
+        raise DetectionError(f"capture {capture.name!r} ({capture.paths[0].name}): {error}") from error
     lens = known_lens(session)
     pitch = capture.target.pitch_mm.estimate("grid pitch", "mm")
     known = session.camera.height_mm is not None or session.camera.telecentric or lens is not None

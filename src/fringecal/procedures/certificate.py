@@ -43,7 +43,11 @@ def certificate_of(
     """
     missing = missing_in(lab, temperature_stated=record.session.temperature_degC is not None)
     if missing and not draft:
-        raise RecordError("the laboratory's file leaves out what a calibration report needs\n  " + "\n  ".join(missing))
+        needed = "\n  ".join(missing)
+        raise RecordError(
+            f"what a calibration report needs is not stated\n  {needed}\n"
+            "state it in the laboratory's file (--lab lab.toml; docs/certificate.md shows one), or ask for a --draft"
+        )
     _demand_same(record, sha256, verification)
     checks = (*record.checks, *(verification.checks if verification else ()))
     day = (record.session.captured or record.created).date()

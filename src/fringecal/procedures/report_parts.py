@@ -70,6 +70,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     """Tabulate named checks with their limits and decisions."""
     keys = ("name", "value", "u", "expanded", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
+    frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
     formats = {"value": ".3g", "u": ".2g", "U (95 %)": ".2g", "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
     return Table("What was checked", frame.set_axis(names, axis="columns"), formats=formats)

@@ -1,6 +1,7 @@
 """Writing so that a reader never meets half a file: to a sibling first, then renamed into place."""
 
 import contextlib
+import hashlib
 import os
 import secrets
 import shutil
@@ -12,6 +13,9 @@ from fringecal.errors import RecordError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+EARLIER = "earlier"
+"""Folder beside a record that keeps those that stood in its place."""
 
 
 @contextlib.contextmanager
@@ -77,7 +81,8 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
     If the block fails or is interrupted, the sibling is removed and `folder` stays as it was.
     A new `folder` appears in one rename. Into an existing one the files are renamed one by one,
     the file named `last` after all others, so that a record never stands before its results;
-    files of other names are left alone.
+    files of other names are left alone. A record that is replaced is kept in `earlier/`, named
+    by its hash: audits, verifications and certificates may rest on it.
 
     Raises
     ------
@@ -109,8 +114,21 @@ def _move_all(staging: Path, folder: Path, last: str) -> None:
     for file in sorted(files, key=lambda file: file.name == last):
         target = folder / file.relative_to(staging)
         target.parent.mkdir(parents=True, exist_ok=True)
+        if target == folder / last:
+            _keep_earlier(target, file)
         file.replace(target)
         _flush_folder(target.parent)
+
+
+def _keep_earlier(record: Path, successor: Path) -> None:
+    """Copy a record that is about to be replaced by another to where it will still be found by its hash."""
+    if record.suffix != ".json" or not record.exists():
+        return
+    content = record.read_bytes()
+    if content != successor.read_bytes():
+        kept = record.parent / EARLIER / f"{record.stem}-{hashlib.sha256(content).hexdigest()[:12]}.json"
+        kept.parent.mkdir(exist_ok=True)
+        write_bytes(kept, content)
 
 
 def _flush(file: Path) -> None:

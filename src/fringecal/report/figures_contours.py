@@ -26,7 +26,9 @@ def contour_map(x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, title: 
     x, y = np.where(known, x_mm, np.nan), np.where(known, y_mm, np.nan)
     coarse = max(np.ptp(x[known]), np.ptp(y[known])) / _LONGEST_SIDE
     grid = regular_grid(x, y, z_mm, spacing_mm=max(sample_spacing_mm(x, y), coarse), max_jump_mm=np.inf)
-    levels = MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*np.nanpercentile(grid.z_mm, [0.5, 99.5]))
+    levels = np.array(MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*np.nanpercentile(grid.z_mm, [0.5, 99.5])))
+    # A line at 0 would draw the noise of the plate around the object.
+    levels = levels[levels != 0] if np.count_nonzero(levels) > 1 else levels
     figure = new_figure(7.0, 5.2)
     axes = figure.subplots()
     axes.set_facecolor(MASKED)

@@ -105,7 +105,7 @@ def _folder_faults(folder: Path, *, overwrite: bool) -> list[str]:
     if not any(folder.iterdir()):
         return []
     if not overwrite:
-        return [f"{folder}: is not empty; choose another folder or allow overwriting"]
+        return [f"{folder}: is not empty; choose another folder or allow overwriting (--overwrite)"]
     if not (folder / FILE_NAME).is_file():
         return [f"{folder}: holds files but no {FILE_NAME}; only a session is overwritten"]
     return []
