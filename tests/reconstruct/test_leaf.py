@@ -10,6 +10,7 @@ from fringecal.errors import FitError
 from fringecal.phase.demodulate import PhaseMap
 from fringecal.phase.noise import Noise
 from fringecal.procedures.report_relief import relief_section
+from fringecal.procedures.report_surface import readable_surface
 from fringecal.projection.calibration import Mode, RigCalibration
 from fringecal.projection.rig import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.extent import extent_of
@@ -147,9 +148,10 @@ def test_nothing_so_high_has_no_volume(measured):
 def test_the_report_tabulates_folds_area_and_volume_and_draws_contours(measured):
     calibration, surface = measured
     found = SimpleNamespace(surface=surface, calibration=calibration, model="projective")
-    section = relief_section(found, ROWS)
+    values = readable_surface(surface)
+    section = relief_section(found, ROWS, values)
     extent, folds = (table.frame for table in section.tables)
     assert extent["unit"].tolist() == ["mm2", "mm2", "mm3"]
     assert set(folds["row / px"]) == set(ROWS)
     assert [item.caption for item in section.figures] == ["Lines of equal height"]
-    assert relief_section(found, (2,)).sentences[0].endswith("no ridge between two valleys.")
+    assert relief_section(found, (2,), values).sentences[0].endswith("no ridge between two valleys.")
