@@ -177,10 +177,16 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
     else:
         bent = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
     if test.misfit > MISFIT:
-        bent += f" What the lens leaves of the crossings is {test.misfit:.1f} times their own uncertainty."
+        bent += (
+            f" What the lens leaves of the crossings is {test.misfit:.1f} times their own uncertainty: lines that are "
+            "not quite straight or evenly spaced, a sheet that is not quite flat, or a lens that bends otherwise."
+        )
     worst = float(cost_of_neglect_px(test).max())
     cost = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
-    sentences = [bent, f"With the lens neglected, positions err by up to {cost}."]
+    neglected = f"With the lens neglected, positions err by up to {cost}."
+    if test.verdict == "none":
+        neglected = f"The worst crossing lies {cost} off the best plane view, for reasons other than a lens."
+    sentences = [bent, neglected]
     if test.centre is not None:
         u, v = test.centre
         sentences.append(
