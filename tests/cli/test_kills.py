@@ -132,7 +132,7 @@ def test_kills_leave_whole_results_and_whole_rows(context, tmp_path):
         assert known <= rows
         assert struck or hashlib.sha256((out / VERBS[verb]).read_bytes()).hexdigest() in rows
         known = rows
-    assert sum(killed.values()) > 0
-    if KILLS >= 50:  # enough that every moment must have struck some at work, and that some must have come through
+    # Few trials may all come through on a fast machine. Of fifty, every moment must strike some at work and let some pass.
+    if KILLS >= 50:
         assert min(killed.values()) > 0, killed
         assert 0 < len(known) < KILLS
