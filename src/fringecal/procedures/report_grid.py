@@ -185,7 +185,7 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
     cost = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
     neglected = f"With the lens neglected, positions err by up to {cost}."
     if test.verdict == "none":
-        neglected = f"The worst crossing lies {cost} off the best plane view, for reasons other than a lens."
+        neglected = f"The worst crossing lies {cost} off the best plane view; no lens was found in it."
     sentences = [bent, neglected]
     if test.centre is not None:
         u, v = test.centre
