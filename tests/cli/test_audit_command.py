@@ -1,6 +1,7 @@
 """`fringecal audit` as a user meets it, on the oblique rig."""
 
 import json
+import re
 
 from jsonschema import Draft202012Validator
 
@@ -9,17 +10,29 @@ from fringecal.history.store import open_history
 from fringecal.records.schemas import published_schema
 
 
-def test_the_calibrations_own_session_passes(run, data, calibration, tmp_path):
+def test_the_calibrations_own_session_is_no_proof_of_anything(run, data, calibration, tmp_path):
     out, db = tmp_path / "audit", tmp_path / "history.db"
     outcome = run("audit", data / "oblique", "--calibration", calibration, "--out", out, "--history", db, "--json")
     assert outcome.code == 0
     Draft202012Validator(published_schema("audit")).validate(outcome.document)
     assert json.loads((out / "audit.json").read_text()) == outcome.document
     assert outcome.document["changed"] is False
+    assert outcome.document["verdict"] != "pass"
+    assert outcome.document["sentence"].startswith(
+        "The pictures of grid, reference, strips, bars are the calibration's"
+    )
     assert outcome.document["captures"] == ["grid", "reference", "strips", "bars"]
     assert any(check["name"].startswith("mean error") for check in outcome.document["checks"])
     assert {"report.html", "tables", "figures"} <= {path.name for path in out.iterdir()}
     demand_in_history(run, out, db, outcome.document)
+
+
+def demand_every_check_shown(printed):
+    """What the verdict counts stands in the tables, and the warning before them."""
+    assert printed.index("WARNING: The pictures of grid") < printed.index("Change since the calibration")
+    counted = int(re.search(r"\((\d+) checks", printed)[1])
+    outcomes = re.findall(r" (?:pass|conditionalPass|conditionalFail|fail) *$", printed, re.MULTILINE)
+    assert len(outcomes) == counted
 
 
 def demand_in_history(run, out, db, record):
@@ -45,6 +58,7 @@ def test_a_limit_of_the_laboratory_decides(run, session, calibration, tmp_path):
     (session / "limits.toml").write_text("format = 1\n[audit]\nnoise_percent = 1e-9\nmodulation_percent = 1e-9\n")
     outcome = run("audit", session, "--calibration", calibration, "--out", tmp_path / "audit")
     assert outcome.code in {0, 3}
+    demand_every_check_shown(outcome.stdout)
     stated = tmp_path / "own.toml"
     stated.write_text("format = 1\n[audit]\nnoise = 2\n")
     refused = run("audit", session, "--calibration", calibration, "--out", tmp_path / "b", "--limits", stated)

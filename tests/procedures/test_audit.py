@@ -238,6 +238,31 @@ def test_signatures_are_told_apart(in_force, unchanged, cause, amounts):
             )
 
 
+def test_pictures_of_the_calibration_itself_say_nothing_of_time(in_force, unchanged, tmp_path):
+    """The simulator's seed gives the same file once more, in another folder."""
+    assert unchanged.reused == ()
+    found = in_force.audited(taken(small_rig(), tmp_path / "again", 1, captures=("grid",)))
+    assert found.reused == ("grid",)
+    assert audit_sentence(found).startswith("The pictures of grid are the calibration's own")
+    first, *_ = audit_checks(found)
+    assert (first.value, first.limit, first.decision) == (1, 0, "conditionalPass")
+    (tmp_path / "calibration.json").write_text("{}")
+    record = audit_record(found, tmp_path / "calibration.json")
+    assert record.verdict != "pass"
+    assert record.sentence == audit_sentence(found)
+
+
+def test_an_rms_has_no_en(unchanged):
+    """Its expectation is not nought: pure noise of many blocks has an rms of many of its own u."""
+    en = {change.name: change.en for change in changes_of(unchanged)}
+    assert {name for name, value in en.items() if value is None} == {
+        "plate phase, rms over the plate",
+        "plate form, rms",
+    }
+    checks = {check.name: check.decision for check in audit_checks(unchanged)}
+    assert checks["change of plate form, rms"] == "pass"
+
+
 # ---- sessions that cannot be audited --------------------------------------------------------------
 def test_another_rig_is_refused(in_force, unchanged):
     with pytest.raises(SessionError, match="of rig 'other', the calibration of 'thesis'"):

@@ -83,8 +83,8 @@ def test_every_page_knows_its_number():
     ("decision", "said"),
     [
         ("pass", "✓ Pass"),
-        ("conditionalPass", "✓? Conditional pass (within the guard band)"),
-        ("conditionalFail", "✗? Conditional fail (within the guard band)"),
+        ("conditionalPass", "✓? Conditional pass (not proved: see the checks)"),
+        ("conditionalFail", "✗? Conditional fail (not proved: see the checks)"),
         ("fail", "✗ Fail"),
         ("info", "i For information"),
     ],

@@ -10,6 +10,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.procedures.angle import AngleFindings, Estimator
@@ -81,15 +82,27 @@ def _estimator(name: str, session: Any) -> "Estimator":
 def _table(found: "AngleFindings") -> Table:
     title = f"Projection angle from the plate's normal, {found.estimator} estimator; U covers 95 %"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for heading in ("at/mm", "breaks", "shift/px", "angle/deg", "U/deg", "apparent", "theory", "En"):
+    stated = found.theory is not None  # else there is no theory to compare with
+    headings = (
+        "at/mm",
+        "breaks",
+        "shift/px",
+        "angle/deg",
+        "U/deg",
+        "apparent/deg",
+        *("theory/deg", "En")[: 2 * stated],
+    )
+    for heading in headings:
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_row("origin", "", "", *_angles(found.angle, found.apparent.value, found.theory, None))
+    table.add_row(
+        "origin", "", "", *_angles(found.angle, found.apparent.value, found.theory, None)[: 5 if stated else 3]
+    )
     for row in (*found.columns, *found.rows):
         table.add_row(
             f"{'x' if row.axis == 'u' else 'y'} = {row.x_mm:z.1f}",
             str(row.breaks),
             f"{row.shift_px:z.2f}",
-            *_angles(row.angle, row.apparent_deg, row.theory, row.en),
+            *_angles(row.angle, row.apparent_deg, row.theory, row.en)[: 5 if stated else 3],
         )
     return table
 
@@ -97,8 +110,8 @@ def _table(found: "AngleFindings") -> Table:
 def _angles(angle: "Estimate", apparent: float, theory: "Estimate | None", en: float | None) -> tuple[str, ...]:
     stated = "" if theory is None else f"{theory.value:z.3f}"
     return (
-        f"{angle.value:z.3f}",
-        f"{angle.expanded().U:z.3f}",
+        value_text(angle.value, angle.u),
+        doubt_text(angle.expanded().U),
         f"{apparent:z.3f}",
         stated,
         "" if en is None else f"{en:z.2f}",

@@ -2,6 +2,7 @@
 
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 from rich import box
@@ -10,6 +11,10 @@ from rich.table import Table
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
+
+if TYPE_CHECKING:
+    from fringecal.records.parts import Check
 
 HELP = """Compare a rig with its calibration in force: what changed, by how much, and what probably moved.
 
@@ -37,6 +42,7 @@ def audit(
 ) -> None:
     """Load, audit, save, print."""
     from fringecal.procedures.audit import audit as run
+    from fringecal.procedures.audit_words import change_sentence, reuse_sentence
     from fringecal.procedures.recording import calibration_of
     from fringecal.procedures.recording_audit import audit_record
     from fringecal.procedures.report_audit import audit_report
@@ -65,15 +71,34 @@ def audit(
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if record.verdict == "fail" else 0)
+    if warning := reuse_sentence(found):
+        console.print(f"WARNING: {warning}", style="bold yellow", markup=False, highlight=False, soft_wrap=True)
     console.print(_table(record.changes))
-    tell_outcome(record.checks, (*record.notes, record.sentence), out)
+    shown = {f"change of {change.name}" for change in record.changes}
+    console.print(_others_table([check for check in record.checks if check.name not in shown]))
+    tell_outcome(record.checks, (*record.notes, change_sentence(found)), out)
+
+
+def _others_table(checks: list["Check"]) -> Table:
+    """Tabulate the checks that are no change of one quantity: with the changes, all that are counted."""
+    table = Table(title="The rig as a whole, and artefacts by the calibration in force", box=box.SIMPLE_HEAD, padding=0)
+    for heading in ("check", "value", "limit", "outcome"):
+        table.add_column(heading, justify="left" if heading in ("check", "outcome") else "right")
+    for check in checks:
+        kind = {"rig as calibrated": "p ", "captures with pictures of the calibration": ""}.get(check.name, "En ")
+        value, limit = ("" if one is None else f"{one:.3g}" for one in (check.value, check.limit))
+        table.add_row(check.name, f"{kind}{value}", limit, check.decision)
+    return table
 
 
 def _table(changes) -> Table:  # type: ignore[no-untyped-def]
-    table = Table(title="Change since the calibration; U at 95 %, En = change / U", box=box.SIMPLE_HEAD, padding=0)
+    table = Table(
+        title="Change since the calibration; U at 95 %, En = change / U, none of an rms", box=box.SIMPLE_HEAD, padding=0
+    )
     for heading in ("quantity", "change", "U", "unit", "En", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "outcome") else "right")
     for c in changes:
         en = "" if c.en is None else f"{c.en:+z.2f}"
-        table.add_row(c.name, f"{c.value:+.3g}", f"{1.96 * c.u:.2g}", c.unit, en, f"{c.limit:g}", c.decision)
+        numbers = value_text(c.value, 1.96 * c.u, sign=True), doubt_text(1.96 * c.u)
+        table.add_row(c.name, *numbers, c.unit, en, f"{c.limit:g}", c.decision)
     return table

@@ -10,6 +10,7 @@ from rich.table import Table
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
@@ -72,10 +73,12 @@ def _table(estimates) -> Table:  # type: ignore[no-untyped-def]
         table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
     for name, estimate in estimates.items():
         label = f"scale, {name}" if estimate.unit == "mm/px" else f"projection {name}"
-        values = (estimate.value, estimate.u, estimate.expanded().U)
+        value, u = value_text(estimate.value, estimate.u), doubt_text(estimate.u)
         table.add_row(
             label.replace("projection apparent", "apparent projection"),
-            *(f"{v:.5f}" for v in values),
+            value,
+            u,
+            doubt_text(estimate.expanded().U),
             escape(estimate.unit),
         )
     return table

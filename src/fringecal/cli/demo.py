@@ -14,6 +14,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
 
@@ -125,5 +126,8 @@ def _table(frame: pd.DataFrame) -> Table:
     for heading in frame.columns:
         table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
     for row in frame.itertuples(index=False):
-        table.add_row(row[0], *("" if np.isnan(value) else f"{value:.4f}" for value in row[1:5]), row[5])
+        measured, u, true, thesis = (None if np.isnan(value) else float(value) for value in row[1:5])
+        numbers = ["" if value is None else value_text(value, u) for value in (measured, true)]
+        others = "" if u is None else doubt_text(u), "" if thesis is None else f"{thesis:g}"
+        table.add_row(row[0], numbers[0], others[0], numbers[1], others[1], row[5])
     return table

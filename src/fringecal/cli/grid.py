@@ -16,7 +16,7 @@ from fringecal.camera.spacing import line_spacing_px
 from fringecal.camera.straightness import family_rms_px
 from fringecal.cli.console import console, print_json
 from fringecal.cli.pictures import read_picture
-from fringecal.cli.saving import command_line, demand_folder, write_report
+from fringecal.cli.saving import REPORT_FILE, command_line, demand_folder, write_report
 from fringecal.detect.dots import find_dot_grid
 from fringecal.detect.grid import FAMILIES, Polarity, find_grid
 from fringecal.errors import TargetError
@@ -24,6 +24,7 @@ from fringecal.procedures.report_grid import (
     GridPicture,
     distortion_section,
     distortion_sentences,
+    grid_sentence,
     lines_section,
     scale_section,
 )
@@ -31,6 +32,7 @@ from fringecal.records.files import result_folder, write_table
 from fringecal.records.provenance import software_versions
 from fringecal.report.structure import Report, Verdict
 from fringecal.targets import Dots, LineGrid, load_target
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 
@@ -115,7 +117,7 @@ def _tables(scale: ThesisScale | None, test: DistortionTest) -> dict[str, pd.Dat
 def _save(grid: GridPicture, folder: Path, command: tuple[str, ...]) -> list[str]:
     """Write every table whole, and the report with its figures."""
     demand_folder(folder)
-    with result_folder(folder, last="report.html") as staging:
+    with result_folder(folder, last=REPORT_FILE) as staging:
         write_report(_report(grid, command), staging)
         for name, table in _tables(grid.scale, grid.test).items():
             write_table(staging / f"{name}.csv", table)
@@ -127,7 +129,7 @@ def _report(grid: GridPicture, command: tuple[str, ...]) -> Report:
     """Say what the picture tells."""
     return Report(
         title=f"Grid in {grid.name}",
-        verdict=Verdict("info", distortion_sentences(grid.test, grid.mm_per_px)[0]),
+        verdict=Verdict("info", grid_sentence(grid)),
         sections=(lines_section(grid), scale_section(grid), distortion_section(grid)),
         versions=software_versions(),
         command=" ".join(command),
@@ -201,7 +203,8 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
         before, after = rms["before"][family], rms["after"][family]
         _say(f"straightness of the {family} lines: rms {before:.3f} px, {after:.3f} px with the lens taken out")
     if document["files"]:
-        _say("wrote " + ", ".join(document["files"]))
+        page, *_ = (file for file in document["files"] if file.endswith(REPORT_FILE))
+        _say(f"report: {page}; {len(document['files']) - 1} tables and figures beside it")
 
 
 def _scale_table(document: dict[str, Any]) -> Table:
@@ -210,7 +213,10 @@ def _scale_table(document: dict[str, Any]) -> Table:
         table.add_column(heading, justify="left" if heading == "direction" else "right")
     for name, one in document["scale"].items():
         table.add_row(
-            name.replace("_", " "), f"{one['value']:.6f}", f"{one['u']:.6f}", f"{100 * one['u'] / one['value']:.3f} %"
+            name.replace("_", " "),
+            value_text(one["value"], one["u"]),
+            doubt_text(one["u"]),
+            f"{100 * one['u'] / one['value']:.3f} %",
         )
     return table
 

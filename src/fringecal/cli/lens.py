@@ -11,6 +11,7 @@ from rich.table import Table
 from fringecal.cli.console import console, print_json
 from fringecal.cli.pictures import read_picture
 from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.camera.lens_fit import Solver
@@ -148,5 +149,5 @@ def _table(found: "LensFindings") -> Table:
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     for name in LENS_NAMES:
         one = found.fit.lens.estimate(name)
-        table.add_row(name.removesuffix("_px"), f"{one.value:.6g}", f"{one.u:.2g}", one.unit)
+        table.add_row(name.removesuffix("_px"), value_text(one.value, one.u), doubt_text(one.u), one.unit)
     return table

@@ -11,6 +11,7 @@ import typer
 
 from fringecal.cli.console import console
 from fringecal.errors import RecordError
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.records.parts import Check
@@ -22,8 +23,8 @@ LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's
 
 _VERDICTS = {
     "pass": "PASS",
-    "conditionalPass": "CONDITIONAL PASS: within the limits, but not by the guard band",
-    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but not by the guard band",
+    "conditionalPass": "CONDITIONAL PASS: nothing beyond its limit, but not everything proved",
+    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but not proved to be",
     "fail": "FAIL",
     "info": "NO VERDICT: nothing was judged",
 }
@@ -82,13 +83,17 @@ def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path)
     for sentence in sentences:
         say(sentence)
     failed = [check for check in checks if check.decision == "fail"]
+    unproved = [check for check in checks if check.decision.startswith("conditional")]
     judged = sum(check.decision != "info" for check in checks)
     verdict = severest(checks)
     say(f"{_VERDICTS[verdict]} ({judged} checks, En with k = 2)", style=_STYLES[verdict])
-    for check in failed:
-        value = "" if check.value is None else f": {check.value:.4g} {check.unit}".rstrip()
+    for check in (*failed, *unproved):
+        value = "" if check.value is None else f": {value_text(check.value, check.u)} {check.unit}".rstrip()
+        value += f", u {doubt_text(check.u)}" if check.u else ""
         limit = "" if check.limit is None else f", limit {check.limit:.4g}"
-        say(f"check failed: {check.name}{value}{limit} ({check.rule})")
+        say(
+            f"check {'failed' if check.decision == 'fail' else 'not proved'}: {check.name}{value}{limit} ({check.rule})"
+        )
     say(f"report: {out / REPORT_FILE}")
     if failed:
         raise typer.Exit(3)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.procedures.study_summary import StudySummary
@@ -105,7 +106,12 @@ def _table(summary: "StudySummary") -> Table:
         table.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
     for q in summary.quantities:
         band = f"{100 * q.band[0]:.1f}..{100 * q.band[1]:.1f}"
-        numbers = (f"{q.bias:+.2g}", f"{q.stated:.2g}", f"{q.ratio:.2f}", f"{100 * q.coverage:.1f}")
+        numbers = (
+            value_text(q.bias, q.u_bias, sign=True),
+            doubt_text(q.stated),
+            f"{q.ratio:.2f}",
+            f"{100 * q.coverage:.1f}",
+        )
         table.add_row(f"{q.name} / {q.unit}", *numbers, band)
     return table
 

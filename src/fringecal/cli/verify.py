@@ -11,6 +11,7 @@ from rich.table import Table
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
@@ -116,8 +117,10 @@ def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
     for heading in ("number", "unit", "measured", "certified", "error", "u", "u(cert.)", "En"):
         table.add_column(heading, justify="left" if heading == "number" else "right", no_wrap=heading != "number")
     for r in found.readings:
-        numbers = (r.measured, r.reference, r.error, r.u_measured, r.u_reference if r.reference is not None else None)
-        cells = ("" if value is None else f"{value:.4f}" for value in numbers)
+        values = ((r.measured, r.u_measured), (r.reference, r.u_reference), (r.error, r.u_measured))
+        cells = ["" if value is None else value_text(value, u, otherwise=".4f") for value, u in values]
+        doubts = (r.u_measured, r.u_reference if r.reference is not None else None)
+        cells += ["" if u is None else doubt_text(u) for u in doubts]
         table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+z.2f}")
     return table
 
@@ -126,20 +129,33 @@ def _table(errors) -> Table:  # type: ignore[no-untyped-def]
     title = f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm"
     # Narrow enough for 80 columns: a number that is cut cannot be read.
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=0)
-    for heading in ("profile", "row px", "y mm", "n", "mean mm", "sd mm", "max mm", "mean %", "max %", "u mm", "En"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in (
+        "profile",
+        "row px",
+        "y mm",
+        "n",
+        "mean mm",
+        "u(mean) mm",
+        "sd mm",
+        "max mm",
+        "mean %",
+        "max %",
+        "En",
+    ):
+        table.add_column(heading.replace(" ", "\n"), justify="right", no_wrap=True)
     for p in (*errors.profiles, errors.pooled):
         en = "" if p.en is None else f"{p.en:+z.2f}"
-        numbers = (p.mean_mm, p.sd_mm, p.max_abs_mm)
         percents = (f"{p.mean_percent:+z.3f}", f"{p.max_percent:.3f}")
         table.add_row(
             p.name,
             f"{p.row_px:.0f}",
             f"{p.y_mm:.1f}",
             str(p.n),
-            *(f"{v:.4f}" for v in numbers),
+            value_text(p.mean_mm, p.u_mm, sign=True, otherwise=".4f"),
+            doubt_text(p.u_mm) if p.u_mm else "",
+            f"{p.sd_mm:.4f}",
+            f"{p.max_abs_mm:.4f}",
             *percents,
-            f"{p.u_mm:.4f}",
             en,
         )
     return table

@@ -38,6 +38,7 @@ from fringecal.targets.models import Zigzag
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
+_COMPARED = ("grid", "reference", "strips", "artefact")
 CHANCE = 0.01  # of calling a rig changed that is not
 
 
@@ -61,6 +62,8 @@ class Audit:
         Artefacts measured with the calibration in force.
     notes
         What could not be compared, and what was done.
+    reused
+        Captures of which a picture stands in the calibration's own session.
     """
 
     session: Session
@@ -77,6 +80,7 @@ class Audit:
     bars: tuple[Verification, ...] = ()
     artefacts: tuple[ArtefactVerification, ...] = ()
     notes: tuple[str, ...] = ()
+    reused: tuple[str, ...] = ()
 
     @property
     def chi2(self) -> float:
@@ -129,7 +133,7 @@ def audit(
     covariance = covariance_of(layout, calibration, (grid, plate, strips), light_doubt("contrast", then, today))
     found = Audit(
         session, calibration, grid, plate, strips, layout, change, covariance, today, record.appearance,
-        notes=_notes(session, grid, plate, record),
+        notes=_notes(session, grid, plate, record), reused=_reused(session, record),
     )  # fmt: skip
     if found.changed:
         progress("looking for the cause")
@@ -146,7 +150,7 @@ def _demand(session: Session, calibration: RigCalibration, record: CalibrationRe
                 "calibration of this rig, or correct the key rig in session.toml"
             ]
         )
-    kinds = {kind for kind in ("grid", "reference", "strips", "artefact") if session.find(kind)}
+    kinds = {kind for kind in _COMPARED if session.find(kind)}
     if not kinds & {"grid", "reference"}:
         raise SessionError(["an audit needs a grid or the bare plate: add a capture of kind grid or reference"])
     if "strips" in kinds and "reference" not in kinds:
@@ -154,6 +158,17 @@ def _demand(session: Session, calibration: RigCalibration, record: CalibrationRe
     for kind in kinds:
         for capture in session.find(kind):
             demand_same_picture(capture, calibration)
+
+
+def _reused(session: Session, record: CalibrationRecord) -> tuple[str, ...]:
+    """Name the compared captures that hold a picture of the calibration's session, by its hash."""
+    known = {file.sha256 for file in record.inputs if file.capture}
+    return tuple(
+        capture.name
+        for kind in _COMPARED
+        for capture in session.find(kind)
+        if known & {*capture.sha256, *capture.gray_sha256}
+    )
 
 
 def _observe(session: Session, calibration: RigCalibration, record: CalibrationRecord, progress: Progress) -> Observed:

@@ -12,6 +12,7 @@ from fringecal.procedures.audit import CHANCE, Audit
 from fringecal.procedures.audit_doubt import light_doubt
 from fringecal.procedures.audit_layout import PLATE_DEGREE, STRIPS_DEGREE, strip_step
 from fringecal.procedures.audit_observed import PlateToday, StripsToday, base_state
+from fringecal.procedures.audit_words import reuse_sentence
 from fringecal.procedures.checks import artefact_checks, judged, verification_checks
 from fringecal.projection.angle import angle_estimate
 from fringecal.projection.calibration import RigCalibration
@@ -38,18 +39,21 @@ class Change:
         Largest size allowed, in the same unit.
     compared
         How many quantities are compared as one, of which this is made; 0 where it is judged alone.
+    size
+        Whether it is an rms, which chance alone never leaves at nought: its limit judges it, and it has no En.
     """
 
     name: str
     found: Estimate
     limit: float
     compared: int = 0
+    size: bool = False
 
     @property
     def en(self) -> float | None:
-        """Change over its expanded uncertainty; None where the latter is nought."""
+        """Change over its expanded uncertainty; None for an rms, or where there is none."""
         expanded = self.found.expanded().U
-        return self.found.value / expanded if expanded > 0 else None
+        return self.found.value / expanded if expanded > 0 and not self.size else None
 
     @property
     def detection_limit(self) -> float:
@@ -82,7 +86,16 @@ def audit_checks(found: Audit, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, 
     verify = limits.model_copy(update={"verify": limits.verify.model_copy(update={"en": limits.audit.artefact_en})})
     bars = (check for one in found.bars for check in verification_checks(one, verify))
     artefacts = (check for one in found.artefacts for check in artefact_checks(one.readings, verify))
-    return (_whole(found), *changes, *bars, *artefacts)
+    return (*_pictures(found), _whole(found), *changes, *bars, *artefacts)
+
+
+def _pictures(found: Audit) -> tuple[Check, ...]:
+    """Say that pictures are the calibration's own; such an audit is never a clean pass."""
+    if not found.reused:
+        return ()
+    rule = f"{reuse_sentence(found)} Take new pictures."
+    return (Check(name="captures with pictures of the calibration", value=len(found.reused), limit=0,
+                  decision="conditionalPass", rule=rule),)  # fmt: skip
 
 
 def _whole(found: Audit) -> Check:
@@ -134,8 +147,9 @@ def _plate(found: Audit, limits: Limits) -> Iterator[Change]:
         _root_mean_square(design, found.change[part], found.covariance[part, part], "rad"),
         limits.audit.plate_phase_rad,
         found.change.size,
+        size=True,
     )
-    yield Change("plate form, rms", _form(found.calibration, found.plate), limits.audit.plate_form_mm)
+    yield Change("plate form, rms", _form(found.calibration, found.plate), limits.audit.plate_form_mm, size=True)
 
 
 def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str) -> Estimate:

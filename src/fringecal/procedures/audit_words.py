@@ -13,6 +13,21 @@ _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their 
 
 
 def audit_sentence(found: Audit) -> str:
+    """Say first what the audit cannot tell, then whether the rig changed and what explains it best."""
+    return " ".join(filter(None, (reuse_sentence(found), change_sentence(found))))
+
+
+def reuse_sentence(found: Audit) -> str:
+    """Say which captures hold pictures of the calibration's own session; nothing where all pictures are new."""
+    if not found.reused:
+        return ""
+    return (
+        f"The pictures of {', '.join(found.reused)} are the calibration's own (equal by hash): what they show says "
+        "nothing of the time since."
+    )
+
+
+def change_sentence(found: Audit) -> str:
     """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
     if not found.changed:
         return f"The rig is as calibrated: what differs is chance (probability {found.probability:.2g})."

@@ -8,7 +8,7 @@ from fringecal.procedures.commission import Commissioning
 from fringecal.projection.advice import Advice
 from fringecal.report.figures_advice import cause_bars, field_uncertainty, gain_lines
 from fringecal.report.readable import Layer, ReadableMap
-from fringecal.report.structure import FigureItem, Live, Section, Table
+from fringecal.report.structure import DOUBT, FigureItem, Live, Section, Table
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def _forecast_table(advice: Advice) -> Table:
     ]
     frame = pd.DataFrame(rows)
     note = "standard uncertainty, root mean square over the field, then by cause; noise of single pixels left out"
-    return Table("Heights by cause", frame, note, dict.fromkeys(frame.columns[1:], ".2g"))
+    return Table("Heights by cause", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
 
 
 def _gain_table(advice: Advice) -> Table:
@@ -45,7 +45,7 @@ def _gain_table(advice: Advice) -> Table:
         rows.append(row)
     frame = pd.DataFrame(rows)
     note = "predicted by the joint fit with the artefact added; the best first"
-    return Table("What one more artefact would buy", frame, note, dict.fromkeys(frame.columns[1:], ".2g"))
+    return Table("What one more artefact would buy", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
 
 
 def _further_tables(found: Commissioning) -> tuple[Table, ...]:
@@ -60,7 +60,7 @@ def _further_tables(found: Commissioning) -> tuple[Table, ...]:
     if not rows:
         return ()
     frame = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    return (Table("Further artefacts in the fit", frame, "place of the artefact's centre", {"u / mm": ".2g"}),)
+    return (Table("Further artefacts in the fit", frame, "place of the artefact's centre", {"u / mm": DOUBT}),)
 
 
 def _figures(advice: Advice) -> tuple[FigureItem, ...]:

@@ -18,7 +18,7 @@ from fringecal.projection.columns import ColumnAngle
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_angle import angle_field, angle_plot, breaks_overlay
 from fringecal.report.figures_tables import budget_bars
-from fringecal.report.structure import Decision, Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.structure import DOF, DOUBT, Decision, Fact, FigureItem, Report, Section, Table, Verdict
 
 Array = NDArray[np.float64]
 
@@ -32,15 +32,14 @@ _FORMATS = {
     "shift / px": "+z.3f",
     "shift / mm": "+z.3f",
     "angle / deg": ".3f",
-    "u / deg": ".3f",
-    "dof": ".3g",
+    "dof": DOF,
     "apparent / deg": ".3f",
     "theory / deg": ".3f",
-    "u(theory) / deg": ".3f",
     "apparent in theory / deg": ".3f",
     "difference / deg": "+z.3f",
     "En": "+z.2f",
 }
+_DOUBTS = {"angle / deg": "u / deg", "theory / deg": "u(theory) / deg"}
 
 
 def angle_report(found: AngleFindings, *, command: str = "", created: datetime | None = None) -> Report:
@@ -87,7 +86,7 @@ def angle_section(found: AngleFindings) -> Section:
         if rows:
             line = f"on the line {'y' if place == 'x' else 'x'} = 0"
             note = f"{line}; {_CONVENTION}; theory from the stated positions"
-            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS))
+            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
             figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
     if not tables:
         return Section("Projection angle", (*sentences, "No column of the picture crosses enough of a strip."))
@@ -212,7 +211,7 @@ def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
                 {"height / mm": height, "place": place} | _height_budget(calibration, (u, v), height, noise_rad)
             )
     frame = pd.DataFrame(rows)
-    formats = dict.fromkeys(frame.columns[2:], ".2g")
+    formats = dict.fromkeys(frame.columns[2:], DOUBT)
     return Table("What a height will be known to", frame, "standard uncertainty of one pixel's height, mm", formats)
 
 

@@ -64,14 +64,13 @@ def _numbers(found: ArtefactVerification) -> Section:
         "measured": ".4f",
         "reference": ".4f",
         "error": "+z.4f",
-        "u_measured": ".4f",
-        "u_reference": ".4f",
         "en": "+z.2f",
     }
     names = {"u_measured": "u(measured)", "u_reference": "u(certificate)", "reference": "certified", "en": "En"}
     frame = readings_table(found.readings)
     frame.columns = pd.Index([names.get(name, name) for name in frame.columns])
-    table = Table("Numbers", frame, _NOTE, {names.get(name, name): form for name, form in formats.items()})
+    doubts = {"measured": "u(measured)", "certified": "u(certificate)", "error": "u(measured)"}
+    table = Table("Numbers", frame, _NOTE, {names.get(name, name): form for name, form in formats.items()}, doubts)
     return Section(
         "Errors", (found.sentence, *(f"{note[0].upper()}{note[1:]}." for note in found.probe.notes)), (table,)
     )

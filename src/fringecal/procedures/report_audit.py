@@ -14,8 +14,9 @@ from fringecal.records.provenance import software_versions
 from fringecal.report.figures_audit import cause_bars, change_bars
 from fringecal.report.figures_maps import residual_map
 from fringecal.report.readable import Layer, readable_picture
-from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
+from fringecal.report.structure import DOUBT, Fact, FigureItem, Live, Report, Section, Table, Verdict
 from fringecal.uncertainty.conformity import decide
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 
 def audit_report(
@@ -55,8 +56,8 @@ def audit_report(
 def _fact(change: Change) -> Fact:
     found = change.found
     unit = f" {found.unit}" if found.unit else ""
-    note = f"U = {found.expanded().U:.2g}{unit}; limit {change.limit:g}{unit}"
-    return Fact(f"Change of {change.name}", f"{found.value:+.3g}{unit}", note)
+    note = f"U = {doubt_text(found.expanded().U)}{unit}; limit {change.limit:g}{unit}"
+    return Fact(f"Change of {change.name}", f"{value_text(found.value, found.u, sign=True)}{unit}", note)
 
 
 def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) -> Section:
@@ -74,9 +75,10 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
         }
         for c in changes
     ]
-    formats = {"change": "+.3g", "u": ".2g", "U (95 %)": ".2g", "En": "+.2f", "detection limit": ".2g", "limit": "g"}
+    formats = {"change": "+.3g", "U (95 %)": DOUBT, "En": "+.2f", "detection limit": DOUBT, "limit": "g"}
     note = (
-        "today minus at the calibration; En = change / U. Detection limit: seen with 95 % at the chance of a false "
+        "today minus at the calibration; En = change / U. An rms, which chance alone never leaves at nought, is judged "
+        "by its limit and has none. Detection limit: seen with 95 % at the chance of a false "
         "alarm that the audit takes"
     )
     shares = [c.found.value / c.limit for c in changes]
@@ -88,7 +90,9 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
         f"Bars of {len(changes)} changes as shares of their limits; the largest is {changes[worst].name}, "
         f"{shares[worst]:+.2f} of its limit.",
     )
-    return Section("Changes", found.notes, (Table("Changes", pd.DataFrame(rows), note, formats),), (figure,))
+    return Section(
+        "Changes", found.notes, (Table("Changes", pd.DataFrame(rows), note, formats, {"change": "u"}),), (figure,)
+    )
 
 
 def _causes_section(found: Audit) -> tuple[Section, ...]:

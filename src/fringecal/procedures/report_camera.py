@@ -73,9 +73,11 @@ def shape_table(fit: CameraFit) -> Table:
             found = "significant" if p < 0.05 else "not significant"
             rows.append({"quantity": label, "value": value, "u": u, "without it": null, "p": p, "at 5 %": found})
     names = ["quantity", "value", "u", "without it", "p", "at 5 %"]
-    formats = {"value": ".6g", "u": ".2g", "without it": ".0f", "p": ".2g"}
+    formats = {"value": ".6g", "without it": ".0f", "p": ".2g"}
     note = "two-sided test of each; a telecentric camera's tilt cannot be told from its aspect"
-    return Table("Aspect and tilt, apart from the scale", pd.DataFrame(rows, columns=names), note, formats)
+    return Table(
+        "Aspect and tilt, apart from the scale", pd.DataFrame(rows, columns=names), note, formats, {"value": "u"}
+    )
 
 
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
@@ -147,7 +149,9 @@ def _parameters_table(found: CameraFindings) -> Table:
         origin = "fitted" if name in found.fit.free else "fixed"
         rows.append({"parameter": label, "value": float(value), "u": float(u_value), "unit": unit, "origin": origin})
     kind = "telecentric" if camera.telecentric else "pinhole"
-    return Table("Camera parameters", pd.DataFrame(rows), f"{kind} camera on the plate", {"value": ".6g", "u": ".2g"})
+    return Table(
+        "Camera parameters", pd.DataFrame(rows), f"{kind} camera on the plate", {"value": ".6g"}, {"value": "u"}
+    )
 
 
 def _residuals(found: CameraFindings) -> FigureItem:

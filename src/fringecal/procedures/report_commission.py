@@ -10,6 +10,7 @@ from fringecal.procedures.report_advice import advice_section
 from fringecal.procedures.report_angle import angle_section, budgets_section
 from fringecal.procedures.report_camera import camera_sections, largest_scale_error_percent
 from fringecal.procedures.report_doctor import doctor_section
+from fringecal.procedures.report_grid import distortion_size
 from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_residuals import residual_maps
@@ -109,7 +110,7 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
     return (
         *facts,
         Fact("Plate residual", f"{found.fit.plate_rms_rad:.4f} rad", "rms"),
-        Fact("Lens distortion", lens.verdict, f"at most {concise(lens.max_px)}"),
+        Fact("Lens distortion", lens.verdict, distortion_size(lens)),
         Fact("Mean scale alone errs by", largest, "at most, over the field"),
     )
 

@@ -95,7 +95,7 @@ def _differences(compared: Sequence[Compared], shared: Sequence[str]) -> Section
         }
     )
     formats = dict.fromkeys(("first", "second"), "#.6g") | {"difference": "+.2g", "En": "+z.2f"}
-    formats |= dict.fromkeys(("U(first)", "U(second)", "U(difference)"), ".2g")
+    doubts = {name: f"U({name})" for name in ("first", "second", "difference")}
     chart = change_bars(
         [c.name for c in compared],
         [c.en for c in compared],
@@ -110,7 +110,7 @@ def _differences(compared: Sequence[Compared], shared: Sequence[str]) -> Section
             _HEIGHTS,
             "Of quantities that have not changed, one in twenty lies beyond |En| = 1 by chance.",
         ),
-        (Table("Two calibrations compared", frame, _NOTE, formats),),
+        (Table("Two calibrations compared", frame, _NOTE, formats, doubts),),
         (FigureItem("En by quantity", chart, alt),),
     )
 

@@ -70,8 +70,8 @@ def _verdict(found: Demonstration) -> Verdict:
 
 def _result(table: pd.DataFrame) -> Section:
     note = "u is a standard uncertainty; angles are measured from the plate's normal; percent of the full height."
-    formats = dict.fromkeys(("measured", "u", "true"), ".4f") | {"thesis 2008": ".3g"}
-    shown = Table("Measured against true against thesis", table, note, formats)
+    formats = dict.fromkeys(("measured", "true"), ".4f") | {"thesis 2008": ".3g"}
+    shown = Table("Measured against true against thesis", table, note, formats, {"measured": "u", "true": "u"})
     return Section("Measured, true, thesis", (_REPORTS,), (shown,))
 
 

@@ -19,8 +19,9 @@ from fringecal.report.figures_grid import (
     scale_map,
     section_plot,
 )
-from fringecal.report.structure import FigureItem, Section, Table
+from fringecal.report.structure import DOUBT, FigureItem, Section, Table
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 #: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone.
 MISFIT = 3.0
@@ -122,7 +123,7 @@ def thesis_tables(scale: ThesisScale) -> tuple[Table, ...]:
         ("Errors of distances between vertical lines", scale.horizontal_errors, errors),
         ("Errors of distances between horizontal lines", scale.vertical_errors, errors),
     )
-    return tuple(Table(caption, _by_span(frame), note) for caption, frame, note in parts)
+    return tuple(Table(caption, _by_span(frame), note, _SPAN_FORMATS) for caption, frame, note in parts)
 
 
 _SHOWN = {
@@ -130,6 +131,13 @@ _SHOWN = {
     "factor_mm_per_px": ("mean factor / (mm/px)", "sd factor / (mm/px)"),
     "error_mm": ("mean error / mm", "sd error / mm"),
     "error_percent": ("mean error / %", "sd error / %"),
+}
+_SPAN_FORMATS = dict.fromkeys((spread for _, spread in _SHOWN.values()), DOUBT) | {
+    "nominal / mm": "g",
+    "mean distance / px": ".3f",
+    "mean factor / (mm/px)": ".5f",
+    "mean error / mm": "+z.3f",
+    "mean error / %": "+z.3f",
 }
 
 
@@ -168,10 +176,28 @@ def distortion_section(grid: GridPicture) -> Section:
     return Section("Lens distortion", distortion_sentences(test, grid.mm_per_px), tables, (quiver, neglect))
 
 
+def grid_sentence(grid: GridPicture) -> str:
+    """Say what the picture tells in one line; the sections say how."""
+    found, size = grid.test.verdict, distortion_size(grid.test)
+    lens = f"no lens distortion was found ({size})" if found == "none" else f"{found} distortion, {size}"
+    scale = (
+        "no scale, since the target was not named" if grid.scale is None else f"mean scale {concise(grid.scale.mean)}"
+    )
+    return f"{len(grid.detection.row)} crossings: {scale}; {lens}."
+
+
+def distortion_size(test: DistortionTest) -> str:
+    """Say in a few words how large the lens's distortion is, or how large a one would have shown."""
+    if test.verdict == "none":
+        return f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
+    return f"{concise(test.max_px)} at {test.radius_px:.0f} px from its centre"
+
+
 def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple[str, ...]:
     """State verdict, size, detection limit, cost and centre in plain words."""
-    at = f"{concise(test.max_px)} at {test.radius_px:.0f} px from its centre"
-    limit = f"{test.detection_limit_px:.2g} px would have shown in 95 % of cases"
+    at = f"{value_text(test.max_px.value, test.max_px.u)} px (u = {doubt_text(test.max_px.u)} px) at "
+    at += f"{test.radius_px:.0f} px from its centre"
+    limit = f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
     if test.verdict == "none":
         bent = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
     else:

@@ -98,8 +98,8 @@ def _facts(reviews: Sequence[Review]) -> tuple[Fact, ...]:
 
 def _summary(reviews: Sequence[Review]) -> Section:
     note = "certified quantities: deviation from the certificate; sigma: mean moving range over 1.128, of the baseline"
-    formats = {"interval / days": ".0f", "p(drift)": ".2g", "u(drift)": ".2g"}
-    table = Table("Quantities", review_table(reviews), note, formats)
+    formats = {"interval / days": ".0f", "p(drift)": ".2g"}
+    table = Table("Quantities", review_table(reviews), note, formats, {"drift per year": "u(drift)"})
     return Section("Quantities", (_RUNS,), (table,))
 
 

@@ -16,7 +16,7 @@ from fringecal.records.provenance import software_versions
 from fringecal.report.figures_maps import classification_overlay, uncertainty_map
 from fringecal.report.figures_profiles import sections_plot
 from fringecal.report.readable import ReadableMap
-from fringecal.report.structure import Fact, FigureItem, Live, Report, Section, Table, Verdict
+from fringecal.report.structure import DOUBT, Fact, FigureItem, Live, Report, Section, Table, Verdict
 
 _SECTIONS = (0.25, 0.5, 0.75)  # of the rows that hold heights
 _PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
@@ -159,7 +159,7 @@ def _causes_table(surface: HeightMap) -> Table:
             "share of the variance / %": [100 * variance / total for _, variance in ordered],
         }
     )
-    formats = {"rms over the surface / mm": ".2g", "share of the variance / %": ".1f"}
+    formats = {"rms over the surface / mm": DOUBT, "share of the variance / %": ".1f"}
     return Table("What the uncertainty is made of", frame, "standard uncertainties of a pixel's height", formats)
 
 

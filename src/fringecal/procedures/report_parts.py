@@ -10,7 +10,7 @@ from fringecal.procedures.frames import CapturePhase
 from fringecal.procedures.recording import budget_rows
 from fringecal.records.parts import Check
 from fringecal.report.figures_phase import phase_overview
-from fringecal.report.structure import Decision, FigureItem, InputFile, Report, Section, Table, slug
+from fringecal.report.structure import DOF, DOUBT, Decision, FigureItem, InputFile, Report, Section, Table, slug
 from fringecal.report.views import figure_bytes
 from fringecal.session import Capture
 from fringecal.uncertainty.estimates import Estimate
@@ -47,8 +47,7 @@ def estimates_table(
     ]
     frame = pd.DataFrame(rows)
     frame.insert(0, first, list(estimates))
-    formats = {"value": "#.6g", "u": ".2g", "U (95 %)": ".2g", "dof": ".3g"}
-    return Table(caption, frame, header_note, formats)
+    return Table(caption, frame, header_note, {"value": "#.6g", "U (95 %)": DOUBT, "dof": DOF}, {"value": "u"})
 
 
 def budget_table(caption: str, contributions: Mapping[str, float], unit: str) -> Table:
@@ -62,7 +61,7 @@ def budget_table(caption: str, contributions: Mapping[str, float], unit: str) ->
             "share of the variance / %": [row.percent for row in rows],
         }
     )
-    formats = {heading: ".2g", "share of the variance / %": ".1f"}
+    formats = {heading: DOUBT, "share of the variance / %": ".1f"}
     return Table(caption, frame, "standard uncertainties", formats)
 
 
@@ -71,9 +70,9 @@ def checks_table(checks: Sequence[Check]) -> Table:
     keys = ("name", "value", "u", "expanded", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
-    formats = {"value": ".3g", "u": ".2g", "U (95 %)": ".2g", "limit": ".3g"}
+    formats = {"value": ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
-    return Table("What was checked", frame.set_axis(names, axis="columns"), formats=formats)
+    return Table("What was checked", frame.set_axis(names, axis="columns"), "", formats, {"value": "u"})
 
 
 def severest(checks: Sequence[Check]) -> Decision:

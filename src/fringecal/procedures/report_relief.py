@@ -54,12 +54,13 @@ def _folds(found: Measurement, rows: tuple[int, ...]) -> dict[int, tuple[Fold, .
 
 def _folds_table(folds: dict[int, tuple[Fold, ...]]) -> Table:
     frame = folds_table(folds)
-    formats = {name: ".2g" if name.startswith("u(") else ".3f" for name in frame.columns[2:]}
+    formats = {name: ".3f" for name in frame.columns[2:] if not name.startswith("u(")}
+    doubts = {name: doubt for name in formats if (doubt := "u({}) / {}".format(*name.split(" / "))) in frame}
     note = (
         "ridges between two valleys; angle between the straight middle halves of both flanks, 180 for a flat sheet; "
         "spacing to the next ridge, straight and along the surface"
     )
-    return Table("Ridges and folds along picture rows", frame, note, formats)
+    return Table("Ridges and folds along picture rows", frame, note, formats, doubts)
 
 
 def _extent_table(extent: Extent) -> Table:
@@ -72,4 +73,4 @@ def _extent_table(extent: Extent) -> Table:
         columns=["quantity", "value", "u", "unit"],
     )
     note = f"what stands more than {extent.above_mm:.3g} mm above the plate; masked pixels count in none"
-    return Table("Area and volume", frame, note, {"value": ".6g", "u": ".2g"})
+    return Table("Area and volume", frame, note, {"value": ".6g"}, {"value": "u"})

@@ -84,9 +84,9 @@ def _strips_table(residuals: ResidualMaps) -> Table:
                 }
             )
     rows.sort(key=lambda row: row["strip"])
-    formats = {"height / mm": ".4g", "u / mm": ".2g", "median residual / rad": "+z.4f", "as height / mm": "+z.4f"}
+    formats = {"height / mm": ".4g", "median residual / rad": "+z.4f", "as height / mm": "+z.4f"}
     note = "residual against the common fit: a strip that is higher than stated stands out"
-    return Table("Strips", pd.DataFrame(rows), note, formats)
+    return Table("Strips", pd.DataFrame(rows), note, formats, {"height / mm": "u / mm"})
 
 
 def _strips_figure(found: Commissioning) -> FigureItem:
@@ -143,7 +143,7 @@ def _parameters_table(calibration: RigCalibration) -> Table:
         }
     )
     note = "phase = (nx x + ny y + nz z + n0) / (dx x + dy y + dz z + 1) + smooth plate residual"
-    return Table("Rig parameters", frame, note, {"value": ".7g", "u": ".2g"})
+    return Table("Rig parameters", frame, note, {"value": ".7g"}, {"value": "u"})
 
 
 def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
@@ -165,9 +165,10 @@ def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
         both = np.hypot(u, position.u_mm)
         frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
     formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
-    formats |= dict.fromkeys(("u / mm", "u(stated) / mm"), ".2g")
+    doubts = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
     note = "plate frame; the coordinate along the fringes cannot be seen by them"
-    return (Table("Position of the projector", frame, note, formats),)
+    doubts = {name: u for name, u in doubts.items() if name in frame}
+    return (Table("Position of the projector", frame, note, formats, doubts),)
 
 
 def rig_figure(session: Session, calibration: RigCalibration) -> tuple[FigureItem, ...]:

@@ -8,7 +8,7 @@ from fringecal.procedures.report_parts import checks_table, severest
 from fringecal.procedures.study_summary import StudySummary
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_study import coverage_bars, z_histograms
-from fringecal.report.structure import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report.structure import DOUBT, Fact, FigureItem, Report, Section, Table, Verdict
 
 _NOTE = (
     "error = found - true; spread: standard deviation of the errors; stated u: root mean square; coverage of 95 % "
@@ -51,8 +51,8 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
 def coverage_table(summary: StudySummary) -> Table:
     """Tabulate bias, spread and coverage of every quantity."""
     percent = dict.fromkeys(("coverage / %", "from / %", "to / %"), ".1f")
-    formats = {"bias": "+.2g", "spread / u": ".2f"} | dict.fromkeys(("u(bias)", "spread", "stated u"), ".2g")
-    return Table("Coverage", summary.frame(), _NOTE, formats | percent)
+    formats = {"bias": "+.2g", "spread / u": ".2f"} | dict.fromkeys(("spread", "stated u"), DOUBT)
+    return Table("Coverage", summary.frame(), _NOTE, formats | percent, {"bias": "u(bias)"})
 
 
 def _figures(summary: StudySummary) -> tuple[FigureItem, ...]:

@@ -34,7 +34,7 @@ _PROFILE_COLUMNS = {
     "max_abs_mm": ("max / mm", ".4f"),
     "mean_percent": ("mean / %", "+z.3f"),
     "max_percent": ("max / %", ".3f"),
-    "u_mm": ("u(mean) / mm", ".4f"),
+    "u_mm": ("u(mean) / mm", "s"),
     "en": ("En", "+z.2f"),
     "missing_share": ("masked share", ".3f"),
 }
@@ -156,7 +156,8 @@ def _renamed(caption: str, frame: pd.DataFrame, columns: dict[str, tuple[str, st
     kept = [key for key in columns if key in frame.columns]
     names = [columns[key][0] for key in kept]
     formats = {name: form for name, form in columns.values() if form != "s"}
-    return Table(caption, frame[kept].set_axis(names, axis="columns"), note, formats)
+    doubts = {"mean / mm": "u(mean) / mm"} if "u_mm" in kept else {}
+    return Table(caption, frame[kept].set_axis(names, axis="columns"), note, formats, doubts)
 
 
 def _flank_table(errors: ZigzagErrors) -> Table:

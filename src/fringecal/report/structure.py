@@ -11,6 +11,9 @@ from matplotlib.figure import Figure
 
 from fringecal.report.readable import ReadableMap
 
+DOUBT = "an uncertainty"  # two significant digits
+DOF = "degrees of freedom"
+
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 
 
@@ -55,7 +58,10 @@ class Table:
     header_note
         Convention that the numbers follow, printed with the caption.
     formats
-        Format specification by column (``{"angle / deg": ".2f"}``); others get 4 digits.
+        Format specification by column (``{"angle / deg": ".2f"}``), `DOUBT` for uncertainties, or `DOF`; others get
+        4 digits.
+    doubts
+        By column, the one that holds its uncertainty: each value is printed to the second digit of its own.
     row_header
         Whether the first column names its row, as it mostly does.
     """
@@ -64,6 +70,7 @@ class Table:
     frame: pd.DataFrame
     header_note: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
+    doubts: Mapping[str, str] = field(default_factory=dict)
     row_header: bool = True
 
 

@@ -9,14 +9,15 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 
-from fringecal.report.structure import FigureItem, Report, Table
+from fringecal.report.structure import DOF, DOUBT, FigureItem, Report, Table
 from fringecal.report.style import RC
+from fringecal.uncertainty.rounding import dof_text, doubt_text, value_text
 
 # Word and sign: no reader has to tell a verdict by its colour alone.
 DECISIONS = {
     "pass": ("Pass", "✓"),
-    "conditionalPass": ("Conditional pass (within the guard band)", "✓?"),
-    "conditionalFail": ("Conditional fail (within the guard band)", "✗?"),
+    "conditionalPass": ("Conditional pass (not proved: see the checks)", "✓?"),
+    "conditionalFail": ("Conditional fail (not proved: see the checks)", "✗?"),
     "fail": ("Fail", "✗"),
     "info": ("For information", "i"),
 }
@@ -34,18 +35,18 @@ class TableText:
 
 
 def table_text(table: Table) -> TableText:
-    """Print every value of a table as its formats say.
+    """Print every value of a table as its formats say, and no digit beyond its doubt.
 
     Examples
     --------
     >>> table_text(Table("T", pd.DataFrame({"line": ["A"], "z / mm": [-0.125]}), formats={"z / mm": ".1f"}))
     TableText(columns=[('line', False), ('z / mm', True)], rows=[[('A', False), ('−0.1', True)]])
+    >>> frame = pd.DataFrame({"value": [-4.0e-7, 50.70412], "u": [1.0e-3, 0.0496]})
+    >>> [[text for text, _ in row] for row in table_text(Table("T", frame, doubts={"value": "u"})).rows]
+    [['0.0000', '0.0010'], ['50.704', '0.050']]
     """
     heads = [str(column) for column in table.frame.columns]
-    formatted = [
-        [_format_value(value, table.formats.get(head)) for value in table.frame.iloc[:, place]]
-        for place, head in enumerate(heads)
-    ]
+    formatted = [_column_texts(table, head, table.frame.iloc[:, place]) for place, head in enumerate(heads)]
     numbers = [any(number for _, number in cells) for cells in formatted]
     rows = [list(cells) for cells in zip(*formatted, strict=True)]
     return TableText(list(zip(heads, numbers, strict=True)), rows)
@@ -77,16 +78,38 @@ def _encoded(item: FigureItem) -> bytes:
     return buffer.getvalue()
 
 
-def _format_value(value: Hashable, specification: str | None) -> tuple[str, bool]:
-    """Print one value, and tell whether it is a number."""
+def _column_texts(table: Table, head: str, values: "pd.Series") -> list[tuple[str, bool]]:
+    formats = dict.fromkeys(table.doubts.values(), DOUBT) | dict(table.formats)
+    specification = formats.get(head)
+    if head not in table.doubts:
+        return [_format_value(value, specification) for value in values]
+    doubts = table.frame[table.doubts[head]]
+    return [_format_value(value, specification, doubt) for value, doubt in zip(values, doubts, strict=True)]
+
+
+def _format_value(value: Hashable, specification: str | None, doubt: float | None = None) -> tuple[str, bool]:
+    """Print one value, to the second digit of its doubt where there is one, and tell whether it is a number."""
     if value is None or value is pd.NA or (isinstance(value, float | np.floating) and np.isnan(value)):
         return _MISSING, False
     if isinstance(value, bool | np.bool_):
         return ("yes" if value else "no"), False
     if isinstance(value, int | float | np.integer | np.floating):
         default = "d" if isinstance(value, int | np.integer) else ".4g"
-        return _signed(format(value, specification or default)), True
+        return _signed(_number_text(float(value), specification or default, doubt)), True
     return str(value), False
+
+
+def _number_text(value: float, specification: str, doubt: float | None) -> str:
+    if specification == DOUBT:
+        return doubt_text(value)
+    if specification == DOF:
+        return dof_text(value)
+    if specification == "d":
+        return f"{value:.0f}"
+    plain = specification.lstrip("+z")
+    if doubt is not None and doubt > 0:
+        return value_text(value, doubt, sign=specification.startswith("+"), otherwise=plain)
+    return format(value, specification)
 
 
 def _signed(text: str) -> str:
