@@ -1,6 +1,7 @@
 """Reviews of a rig's history and the command that shows them."""
 
 import json
+import re
 
 import numpy as np
 import pandas as pd
@@ -148,6 +149,20 @@ def test_the_command_adds_shows_charts_and_exports(run, tmp_path):
     assert "0 record(s) added" in run("import", tmp_path / "t.csv", "--db", db)[1]
     assert json.loads(run("show", "--db", db, "--json")[1])["quantities"][-1]["records"] == MONTHS
     assert "bench-1" in run("show", "--db", db)[1]
+    demand_values_shown(run, db)
+
+
+def demand_values_shown(run, db):
+    """A rig's readings come with value, U and unit: of 10 mm, u 0.01 mm, U is 0.0196 mm."""
+    code, out, _ = run("show", "--db", db, "--quantity", "Block: step of 10 mm")
+    assert code == 0
+    rows = re.findall(r"Block: step of 10 mm +(\d+\.\d+) +(\d\.\d+) +mm", out)
+    assert len(rows) == MONTHS
+    assert all(len(value.partition(".")[2]) == 3 and expanded == "0.020" for value, expanded in rows)
+    assert "scale, mean" in run("show", "--db", db, "--rig", "bench-1")[1]
+    assert len(json.loads(run("show", "--db", db, "--values", "--json")[1])["readings"]) == 4 * MONTHS
+    code, _, error = run("show", "--db", db, "--quantity", "scale")
+    assert (code, "scale, mean" in error) == (1, True)
 
 
 @pytest.mark.parametrize(

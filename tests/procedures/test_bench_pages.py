@@ -34,7 +34,7 @@ def page(request):
 
 def test_function_and_verb_exist_and_belong_together(page):
     front, _ = parts(page)
-    assert {"function", "verb"} <= set(front) <= {"function", "verb", "needs", "helps", "calibration"}
+    assert {"function", "verb"} <= set(front) <= {"function", "verb", "needs", "helps", "takes_part", "calibration"}
     module, _, name = front["function"].partition(":")
     function = getattr(importlib.import_module(module), name)
     assert callable(function)

@@ -1,6 +1,7 @@
 """Records run once more: every archived calibration, judgements, and records whose files or numbers have changed."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -14,7 +15,8 @@ from fringecal.procedures.recording_audit import audit_record
 from fringecal.procedures.rerun import calibration_file, demand_inputs, differences, rerun, session_folder
 from fringecal.procedures.verification import verify
 from fringecal.records.audit import write_audit
-from fringecal.records.calibration import CalibrationRecord, read_calibration
+from fringecal.records.calibration import CalibrationRecord, read_calibration, write_calibration
+from fringecal.records.files import result_folder
 from fringecal.records.kinds import read_record
 from fringecal.records.limits import Limits
 from fringecal.records.verification import write_verification
@@ -99,6 +101,21 @@ def test_another_calibration_or_session_file_is_named(judged, verb, tmp_path):
     ]
     with pytest.raises(RecordError, match="calibration.json: missing, .* --calibration"):
         rerun(written, judged["session"])
+
+
+def test_a_calibration_that_was_replaced_is_found_where_it_is_kept(judged, tmp_path):
+    written, _ = read_record(judged["audit"])
+    session = shutil.copytree(judged["session"], tmp_path / "s")
+    kept, file = read_calibration(judged["calibration"]), tmp_path / "out" / "calibration.json"
+    file.parent.mkdir()
+    shutil.copy(judged["calibration"], file)
+    with result_folder(file.parent) as staging:
+        write_calibration(kept.model_copy(update={"notes": ("made anew",)}), staging)
+    with pytest.raises(RecordError) as caught:
+        rerun(written, session, file)
+    (named,) = re.findall(r"--calibration (\S+)", str(caught.value))
+    assert Path(named).parent.name == "earlier"
+    assert rerun(written, session, Path(named)).agrees
 
 
 def test_a_judgement_that_names_no_calibration_asks_for_it(judged):

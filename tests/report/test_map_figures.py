@@ -6,7 +6,9 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from fringecal.errors import RecordError
+from fringecal.phase.demodulate import demodulate
 from fringecal.report.figures_maps import classification_overlay, error_map, height_map, residual_map
+from fringecal.report.figures_phase import phase_overview
 from fringecal.report.figures_surface import surface_view
 from fringecal.report.style import BLUE, HEIGHT_MAP, MASKED, ORANGE, symmetric_limit
 
@@ -122,3 +124,16 @@ def test_drawing_leaves_matplotlib_as_it_was(scene):
     before = dict(mpl.rcParams)
     height_map(*scene)
     assert dict(mpl.rcParams) == before
+
+
+def test_the_legend_of_a_mask_counts_every_pixel_once():
+    """A fifth of the picture is dark, and so lacks modulation as well: two reasons, one colour, one share."""
+    steps = np.deg2rad([0.0, 120.0, 240.0])
+    phase = np.broadcast_to(np.linspace(0.0, 40.0, 100), (60, 100))
+    frames = 100 + 60 * np.cos(phase + steps[:, None, None]) + np.random.default_rng(4).normal(0, 1, (3, 60, 100))
+    frames[:, :, 80:] = 1.0
+    map_ = demodulate(frames.round().astype(np.uint8), steps)
+    shares = [float(text.get_text().split()[-1].rstrip("%")) for text in phase_overview(map_).legends[0].get_texts()]
+    assert 100 * sum(map_.shares().values()) > 110
+    assert sum(shares) == pytest.approx(100, abs=0.02)  # two decimals each
+    assert shares[0] == pytest.approx(80, abs=2)

@@ -14,6 +14,8 @@ The numbers come from the records, everything else from the laboratory's lab.tom
 needs and the file does not state is asked for by name; nothing is made up. The report carries no electronic signature.
 Writes certificate.xml, report.html, report.pdf and tables into DIR.
 
+Example: fringecal certificate --template lab.toml
+
 Example: fringecal certificate calibration/calibration.json --lab lab.toml --out certificate
 """
 CERTIFICATE_FILE = "certificate.xml"
@@ -25,16 +27,46 @@ def register(app: typer.Typer) -> None:
 
 
 def certificate(
-    record: Path = typer.Argument(..., help="calibration.json, or its folder.", show_default=False),
-    out: Path = typer.Option(..., "--out", "-o", help="Folder for the results."),
+    record: Path | None = typer.Argument(None, help="calibration.json, or its folder.", show_default=False),
+    out: Path | None = typer.Option(None, "--out", "-o", help="Folder for the results.", show_default=False),
     lab: Path | None = typer.Option(None, "--lab", help="The laboratory's file.", show_default=False),
     verification: Path | None = typer.Option(
         None, "--verification", help="verification.json made with this calibration.", show_default=False
     ),
     draft: bool = typer.Option(False, "--draft", help="Mark what is not stated instead of refusing; says DRAFT."),
+    template: Path | None = typer.Option(
+        None, "--template", help="Write a lab.toml to fill in, and nothing else.", show_default=False
+    ),
     as_json: bool = typer.Option(False, "--json", help="Print what was written as one JSON document."),
 ) -> None:
     """Load, gather, save, print."""
+    if template is not None:
+        _write_template(template, as_json=as_json)
+        return
+    if record is None or out is None:
+        raise typer.BadParameter(
+            "needed for a report; --template FILE alone writes a lab.toml", param_hint="RECORD --out"
+        )
+    _write_certificate(record, out, lab, verification, draft=draft, as_json=as_json)
+
+
+def _write_template(file: Path, *, as_json: bool) -> None:
+    from fringecal.errors import RecordError
+    from fringecal.records.files import write_text
+    from fringecal.records.lab_template import lab_template
+
+    if file.exists():
+        raise RecordError(f"{file}: is there already and is not replaced; name another file")
+    write_text(file, lab_template())
+    if as_json:
+        print_json({"format": "fringecal-certificate/1", "template": str(file)})
+        return
+    console.print(f"{file}: fill in the empty values, then name it with --lab", markup=False, soft_wrap=True)
+
+
+def _write_certificate(
+    record: Path, out: Path, lab: Path | None, verification: Path | None, *, draft: bool, as_json: bool
+) -> None:
     from fringecal.cli.saving import write_report
     from fringecal.procedures.certificate import certificate_of
     from fringecal.procedures.report_certificate import certificate_report

@@ -66,13 +66,13 @@ def _table(session: Session) -> Table:
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), title_justify="left")
     for heading in ("capture", "kind", "target", "images", "size px", "bits", "white", "sha256"):
         justify: JustifyMethod = "right" if heading in ("images", "bits", "white") else "left"
-        table.add_column(heading, justify=justify, no_wrap=True)
+        table.add_column(heading, justify=justify, no_wrap=heading != "target")
     for capture in session.captures.values():
         height, width = capture.shape
         table.add_row(
             escape(capture.name),
             capture.kind,
-            capture.target.kind if capture.target else "-",
+            escape(capture.target.name) if capture.target else "-",
             str(len(capture.paths) + len(capture.gray_paths)),
             f"{width} x {height}",
             str(capture.bits),

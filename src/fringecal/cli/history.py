@@ -1,5 +1,8 @@
 """`fringecal history`: the records of all rigs over the years, their control charts and what follows from them."""
 
+import difflib
+import math
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +14,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.saving import REPORT_FILE, command_line, demand_folder, write_report
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,21 +102,33 @@ def _tell_added(new: int, given: int | None, as_json: bool) -> None:
         console.print(f"{new} record(s) added{known}", markup=False, highlight=False)
 
 
-def show(db: str = DB, rig: str | None = RIG, as_json: bool = JSON) -> None:
-    """List the records and the quantities in the order of capture.
+def show(
+    db: str = DB,
+    rig: str | None = RIG,
+    values: bool = typer.Option(False, "--values", help="Show every reading with its U; so does naming a rig."),
+    quantity: list[str] = typer.Option([], "--quantity", help="Only readings of this quantity; repeat for more."),
+    as_json: bool = JSON,
+) -> None:
+    """List the records in the order of capture, and the quantities or their values.
 
     Example: fringecal history show --db history.db --rig bench-1
+
+    Example: fringecal history show --db history.db --quantity "projection angle"
     """
     from fringecal.history.store import open_history
 
     with open_history(db, create=False) as history:
         entries, readings = history.entries(rig), history.readings(rig)
+    _demand_quantities(quantity, set(readings["quantity"]))
+    readings = readings[readings["quantity"].isin(quantity)] if quantity else readings
+    wanted = values or bool(quantity) or rig is not None
     counts = [
         {"rig": str(one), "quantity": str(quantity), "records": len(group)}
         for (one, quantity), group in readings.groupby(["rig", "quantity"])
     ]
     if as_json:
-        print_json({"format": "fringecal-history/1", "entries": _plain(entries), "quantities": counts})
+        told = {"readings": _plain(readings)} if wanted else {}
+        print_json({"format": "fringecal-history/1", "entries": _plain(entries), "quantities": counts, **told})
         return
     table = Table(title=f"{len(entries)} record(s)", box=box.SIMPLE_HEAD, padding=0)
     for heading in ("rig", "captured", "kind", "verdict", "operator", "source"):
@@ -121,9 +137,51 @@ def show(db: str = DB, rig: str | None = RIG, as_json: bool = JSON) -> None:
         cells = (row["rig"], row["captured"][:16], row["kind"], row["decision"], row["operator"] or "", row["source"])
         table.add_row(*(escape(cell) for cell in cells))
     console.print(table)
+    if wanted:
+        for number, row in enumerate(_plain(entries), start=1):
+            _tell_readings(
+                f"{number}. {row['rig']}, {row['captured'][:16]}, {row['kind']}: {row['decision']}",
+                _plain(readings[readings["sha256"] == row["sha256"]]),
+            )
+        return
     for count in counts:
         line = f"{count['records']:5d} x {count['rig']} / {count['quantity']}"
         console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _demand_quantities(asked: Sequence[str], known: set[str]) -> None:
+    """Refuse a quantity that no record holds.
+
+    Raises
+    ------
+    HistoryError
+        As described; the nearest names are told.
+    """
+    from fringecal.errors import HistoryError
+
+    for name in asked:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=3, cutoff=0.3)
+            raise HistoryError(
+                f"no record holds the quantity {name!r}; {'near: ' + '; '.join(near) if near else 'none is near'}"
+            )
+
+
+def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
+    """Tabulate one record's readings; U covers 95 %."""
+    from fringecal.uncertainty.estimates import Estimate
+
+    table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("quantity", "value", "U (95 %)", "unit", "En", "limit", "outcome"):
+        table.add_column(heading, justify="left" if heading in ("quantity", "unit", "outcome") else "right")
+    for row in readings:
+        u = row["u"]
+        expanded = Estimate(row["value"], u, dof=row["dof"] or math.inf).expanded().U if u else None
+        numbers = (value_text(row["value"], u), "" if expanded is None else doubt_text(expanded))
+        en, limit = (row[name] for name in ("en", "limit"))
+        others = "" if en is None else f"{en:+z.2f}", "" if limit is None else f"{limit:g}"
+        table.add_row(escape(row["quantity"]), *numbers, escape(row["unit"] or ""), *others, row["decision"] or "")
+    console.print(table if readings else escape(f"{title}: no such reading"))
 
 
 def _plain(frame: "pd.DataFrame") -> list[dict[str, Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import typer
+from rich import box
 from rich.markup import escape
 from rich.table import Table
 
@@ -214,17 +215,13 @@ def _steps_document(steps: StepEstimate) -> dict[str, Any]:
 
 def _show(documents: list[dict[str, Any]]) -> None:
     """Print one table for people, then what needs a sentence."""
-    table = Table(title="phase maps")
-    for heading in (
-        "set",
-        "valid",
-        "masked because",
-        "B / levels",
-        "u(phase) / rad",
-        "period / px",
-        "steps found / deg",
-    ):
-        table.add_column(heading, justify="left" if heading in ("set", "masked because") else "right")
+    table = Table(
+        title="phase maps; a pixel may be masked for several reasons", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
+    )
+    for heading in ("set", "valid", "masked because", "B\nlevels", "u(phase)\nrad", "period\npx", "steps found\ndeg"):
+        left = heading in ("set", "masked because")
+        # A cause or a list of steps may go on below; a number that is cut cannot be read.
+        table.add_column(heading, justify="left" if left else "right", no_wrap=not left and "steps" not in heading)
     for one in documents:
         table.add_row(*_row(one))
     console.print(table)

@@ -154,7 +154,8 @@ def _done_before(check: SessionCheck, calibration: Path | None, out: Path) -> Pa
 
 def _document(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> dict[str, Any]:
     steps = [
-        {"number": s.number, "state": s.state, "kind": s.kind, "text": s.text, "faults": s.faults} for s in found.steps
+        {"number": s.number, "state": s.state, "kind": s.kind, "text": _ended(s.text, arguments), "faults": s.faults}
+        for s in found.steps
     ]
     return {
         "format": "fringecal-procedure/1",
@@ -174,7 +175,7 @@ def _tell(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> 
     say(f"{found.page.title}: {found.page.purpose}")
     for step in found.steps:
         style = "bold red" if step.state in ("missing", "wrong") else ""
-        say(f"{step.number}. [{_SIGNS[step.state]}] {step.text}", style)
+        say(f"{step.number}. [{_SIGNS[step.state]}] {_ended(step.text, arguments)}", style)
         for fault in step.faults:
             say(f"     - {fault}", "red")
     for fault in found.faults:
@@ -190,7 +191,16 @@ def _tell(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> 
             "bold",
         )
     else:
-        say(f"All is there: {shlex.join(('fringecal', *arguments))}", "bold")
+        say(f"All is there: {_command(arguments)}", "bold")
+
+
+def _ended(text: str, arguments: Sequence[str]) -> str:
+    """Put the command behind a step that announces it."""
+    return f"{text} {_command(arguments)}" if text.endswith(":") else text
+
+
+def _command(arguments: Sequence[str]) -> str:
+    return shlex.join(("fringecal", *arguments))
 
 
 def _run_verb(page: Page, arguments: Sequence[str]) -> None:

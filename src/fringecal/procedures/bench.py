@@ -26,6 +26,8 @@ class Page:
         Its steps in words, as on the page.
     needs, helps
         Kind of the capture that a step puts into the session, by the step's number from 1: needed, or of use.
+    takes_part
+        Steps whose capture counts only where it takes part in the calibration.
     calibration
         Whether it needs a calibration record.
     command
@@ -41,6 +43,7 @@ class Page:
     command: str
     needs: Mapping[int, str] = field(default_factory=dict)
     helps: Mapping[int, str] = field(default_factory=dict)
+    takes_part: tuple[int, ...] = ()
     calibration: bool = False
 
 
@@ -109,6 +112,7 @@ def parse_page(name: str, text: str) -> Page:
             command=command,
             needs={int(step): kind for step, kind in stated.get("needs", {}).items()},
             helps={int(step): kind for step, kind in stated.get("helps", {}).items()},
+            takes_part=tuple(stated.get("takes_part", ())),
             calibration=bool(stated.get("calibration", False)),
         )
     except (ValueError, KeyError) as error:
@@ -164,6 +168,8 @@ def _state(page: Page, number: int, check: SessionCheck, named: Mapping[str, tup
     if not kind:
         return StepState(number, text, "by hand")
     captures = [name for name, found in check.kinds if found == kind]
+    if number in page.takes_part:
+        captures = [name for name in captures if name in check.taking_part]
     faults = tuple(fault for name in captures for fault in named[name])
     if not captures:
         return StepState(number, text, "missing" if number in page.needs else "optional", kind)

@@ -19,7 +19,9 @@ _REMEDIES = {
 
 
 def with_causes(error: FringecalError, reference: CapturePhase, strips: CapturePhase) -> FringecalError:
-    """Return the error with what is wrong with the frames before it; as it is where nothing is.
+    """Return what is wrong with the frames in place of what it led to; the error as it is where nothing is.
+
+    What was said of the strips guesses at causes, which a reader who has been told the cause need not weigh.
 
     Parameters
     ----------
@@ -29,7 +31,7 @@ def with_causes(error: FringecalError, reference: CapturePhase, strips: CaptureP
         The two captures.
     """
     causes = [*fewness(reference), *fewness(strips), *_faults(strips, reference)]
-    return error if not causes else type(error)(" ".join([*causes, f"Hence: {error}"]))
+    return error if not causes else type(error)(" ".join([*causes, "Without that the strips cannot be found."]))
 
 
 def fewness(phase: CapturePhase) -> Iterator[str]:

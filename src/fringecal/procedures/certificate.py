@@ -46,7 +46,8 @@ def certificate_of(
         needed = "\n  ".join(missing)
         raise RecordError(
             f"what a calibration report needs is not stated\n  {needed}\n"
-            "state it in the laboratory's file (--lab lab.toml; docs/certificate.md shows one), or ask for a --draft"
+            "state it in the laboratory's file, --lab lab.toml (`fringecal certificate --template lab.toml` writes one "
+            "to fill in), or ask for a --draft"
         )
     _demand_same(record, sha256, verification)
     checks = (*record.checks, *(verification.checks if verification else ()))

@@ -15,6 +15,7 @@ from fringecal.procedures.recording_artefacts import artefact_record
 from fringecal.procedures.recording_audit import audit_record
 from fringecal.procedures.verification import artefact_capture, verify
 from fringecal.records.calibration import CalibrationRecord, read_calibration
+from fringecal.records.files import earlier_record
 from fringecal.records.kinds import Record
 from fringecal.records.limits import DEFAULT_LIMITS
 from fringecal.records.provenance import sha256_of, software_versions
@@ -212,7 +213,11 @@ def _fault(file: Path, name: str, expected: str, option: str) -> str:
         found = sha256_of(file)
     except RecordError:
         return f"{name}: missing, or not readable; put the file back, or name the right place with {option}"
-    return "" if found == expected else f"{name}: another content (SHA-256 {found[:12]}..., needed {expected[:12]}...)"
+    if found == expected:
+        return ""
+    fault = f"{name}: another content (SHA-256 {found[:12]}..., needed {expected[:12]}...)"
+    kept = earlier_record(file, expected)
+    return f"{fault}; it was replaced since, the one needed is kept: {option} {kept}" if kept.is_file() else fault
 
 
 def _other_versions(then: Mapping[str, str], now: Mapping[str, str]) -> dict[str, tuple[str, str]]:

@@ -120,13 +120,18 @@ def _move_all(staging: Path, folder: Path, last: str) -> None:
         _flush_folder(target.parent)
 
 
+def earlier_record(record: Path, sha256: str) -> Path:
+    """Return where a record of this content is kept once another one has taken its place."""
+    return record.parent / EARLIER / f"{record.stem}-{sha256[:12]}.json"
+
+
 def _keep_earlier(record: Path, successor: Path) -> None:
     """Copy a record that is about to be replaced by another to where it will still be found by its hash."""
     if record.suffix != ".json" or not record.exists():
         return
     content = record.read_bytes()
     if content != successor.read_bytes():
-        kept = record.parent / EARLIER / f"{record.stem}-{hashlib.sha256(content).hexdigest()[:12]}.json"
+        kept = earlier_record(record, hashlib.sha256(content).hexdigest())
         kept.parent.mkdir(exist_ok=True)
         write_bytes(kept, content)
 

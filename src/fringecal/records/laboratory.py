@@ -1,11 +1,11 @@
 """What only the laboratory can say for a calibration report: `lab.toml`, format 1. Nothing in it is made up."""
 
 import datetime
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 from fringecal.records.owned import read_owned
 
@@ -93,11 +93,34 @@ class Laboratory(_Table):
     conditions: Conditions = Conditions()
     standard: tuple[Standard, ...] = ()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _leave_out_what_is_empty(cls, stated: Any) -> Any:
+        """Take an empty value for what it is, nothing stated: a template need not be filled in whole."""
+        return _stated_only(stated) if isinstance(stated, dict) else stated
+
+
+def _stated_only(table: Mapping[str, Any]) -> dict[str, Any]:
+    kept: dict[str, Any] = {}
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            kept[key] = _stated_only(value)
+        elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
+            # A mark alone, such as signs = true, describes nobody.
+            kept[key] = [one for one in map(_stated_only, value) if any(not isinstance(v, bool) for v in one.values())]
+        elif not _is_empty(value):
+            kept[key] = value
+    return kept
+
+
+def _is_empty(value: Any) -> bool:
+    return value == [] or (isinstance(value, str) and not value.strip())
+
 
 # What ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks for and no record can know.
-_NEEDED = {
+NEEDED = {
     "report.number": "the report's own number",
-    "report.issued": "the day of issue",
+    "report.issued": "the day of issue, such as 2026-11-22, without quotes",
     "report.place": 'where it was done: "laboratory", "customer" or "other"',
     "laboratory.name": "name of the laboratory",
     "laboratory.street": "its street and number",
@@ -112,8 +135,8 @@ _NEEDED = {
     "item.model": "its model",
     "item.serial": "its serial number, or another identification",
     "item.condition": "the condition in which it was found",
-    "conditions.temperature_degC": "temperature, one value or lowest and highest",
-    "conditions.humidity_percent": "relative humidity, one value or lowest and highest",
+    "conditions.temperature_degC": "temperature, one value or lowest and highest: [20.5] or [20.1, 20.9]",
+    "conditions.humidity_percent": "relative humidity in percent, likewise: [50] or [48, 55]",
 }
 
 
@@ -136,7 +159,7 @@ def missing_in(lab: Laboratory, *, temperature_stated: bool = False) -> tuple[st
 
 
 def _missing(lab: Laboratory, temperature_stated: bool) -> Iterator[str]:
-    for key, meaning in _NEEDED.items():
+    for key, meaning in NEEDED.items():
         table, _, name = key.partition(".")
         if getattr(getattr(lab, table), name) is None and not (temperature_stated and name == "temperature_degC"):
             yield f"{key}: {meaning}"

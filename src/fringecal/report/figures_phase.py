@@ -209,21 +209,20 @@ def _scalar(axes: Axes, values: np.ndarray, label: str, *, from_zero: bool) -> N
 
 
 def _reasons(axes: Axes, map_: PhaseMap) -> list[Patch]:
-    """Draw one colour for each reason; return the legend, which names the share of each."""
+    """Draw one colour for each reason; return the legend with the share of the picture that each colour covers."""
     codes = np.zeros(map_.reasons.shape, np.uint8)
     for code, (reason, _, _) in enumerate(_REASONS, start=1):
         codes[(map_.reasons & reason) > 0] = code
     colours = [BLUE, *(colour for _, _, colour in _REASONS)]
     image = map_picture(axes, codes)
     image.set(cmap=ListedColormap(colours), clim=(-0.5, len(_REASONS) + 0.5))
-    shares = map_.shares()
-    handles = [Patch(color=BLUE, label=f"valid {shares['valid']:.2%}")]
-    for reason, name, colour in _REASONS:
-        share = shares[(reason.name or "").lower()]
-        if share > 0:
-            handles.append(Patch(color=colour, label=f"{name} {share:.2%}"))
-    axes.set_title("mask and its reasons")
-    return handles
+    axes.set_title("mask, one reason for each pixel")
+    names = ("valid", *(name for _, name, _ in _REASONS))
+    return [
+        Patch(color=colour, label=f"{name} {share:.2%}")
+        for code, (name, colour) in enumerate(zip(names, colours, strict=True))
+        if (share := float((codes == code).mean())) > 0 or code == 0
+    ]
 
 
 def map_picture(axes: Axes, values: np.ndarray) -> AxesImage:

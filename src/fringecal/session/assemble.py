@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from fringecal.session.document import FILE_NAME, ProjectorTable, SessionDocument
+from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
 from fringecal.session.session import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 
@@ -43,6 +43,11 @@ def _camera(folder: Path, document: SessionDocument) -> CameraKnown:
     return CameraKnown(model=model, height_mm=camera.height_mm, telecentric=camera.telecentric)
 
 
+def use_of(table: CaptureTable) -> str:
+    """Tell what a capture is for: as stated, else strips take part in the calibration, and nothing else does."""
+    return table.use or ("calibration" if table.kind == "strips" else "verification")
+
+
 def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
     table, first = draft.table, draft.frames[0]
     return Capture(
@@ -60,7 +65,7 @@ def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
         gray_paths=draft.gray_files,
         gray_sha256=_hashes(draft, draft.gray_files),
         channel=table.channel or channel,
-        use=table.use or ("calibration" if table.kind == "strips" else "verification"),
+        use=use_of(table),
     )
 
 

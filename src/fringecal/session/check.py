@@ -6,7 +6,7 @@ from pathlib import Path
 
 from fringecal.errors import SessionError
 from fringecal.session import comparison, consistency
-from fringecal.session.assemble import assemble
+from fringecal.session.assemble import assemble, use_of
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft, draft_capture
 from fringecal.session.faults import Fault
@@ -32,6 +32,8 @@ class SessionCheck:
         What is worth knowing and no reason to refuse.
     kinds
         Name and kind of every capture that `session.toml` states, as far as it could be read.
+    taking_part
+        Names of those that take part in the calibration.
     """
 
     folder: Path
@@ -39,6 +41,7 @@ class SessionCheck:
     faults: tuple[Fault, ...]
     notes: tuple[str, ...]
     kinds: tuple[tuple[str, str], ...] = ()
+    taking_part: tuple[str, ...] = ()
 
 
 def load_session(folder: str | Path) -> Session:
@@ -81,7 +84,8 @@ def check_session(folder: str | Path) -> SessionCheck:
     notes = tuple(dict.fromkeys(_notes(parsed.document, drafts, levels)))
     session = None if faults else assemble(folder, parsed.document, drafts, [level.value for level in levels])
     kinds = tuple((draft.table.name, draft.table.kind) for draft in drafts)
-    return SessionCheck(folder, session, faults, notes, kinds)
+    taking_part = tuple(draft.table.name for draft in drafts if use_of(draft.table) == "calibration")
+    return SessionCheck(folder, session, faults, notes, kinds, taking_part)
 
 
 def _level(draft: Draft, document: SessionDocument) -> WhiteLevel:

@@ -29,6 +29,7 @@ class CaptureRow(_Row):
     name: str
     kind: str
     target: str | None = Field(description="Kind of the target, null where the capture has none.")
+    target_name: str | None = Field(default=None, description="What the target's file calls it.")
     width_px: int
     height_px: int
     bits: int = Field(description="Bits of the container, 8 or 16.")
@@ -85,6 +86,7 @@ def _capture_row(capture: Capture, check: SessionCheck) -> CaptureRow:
         name=capture.name,
         kind=capture.kind,
         target=capture.target.kind if capture.target else None,
+        target_name=capture.target.name if capture.target else None,
         width_px=capture.shape[1],
         height_px=capture.shape[0],
         bits=capture.bits,
