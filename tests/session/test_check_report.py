@@ -71,7 +71,7 @@ def test_a_report_that_leaves_something_out_is_not_valid(bench: Bench) -> None:
 def test_a_sound_session_is_shown_as_a_table(bench: Bench, app: typer.Typer) -> None:
     result = CliRunner().invoke(app, ["check", str(bench.folder)], env={"COLUMNS": "160"})
     assert result.exit_code == 0
-    for words in ("grid", "line-grid", "strips", "48 x 40"):
+    for words in ("grid", "Grid paper", "strips", "Twelve glass", "48 x 40"):
         assert words in result.stdout
 
 
