@@ -119,6 +119,7 @@ def test_figures_are_enlarged_without_a_mouse(width, listening, reports):
     page, said = listening
     page.set_viewport_size({"width": width, "height": 900})
     page.goto(reports["commission"].as_uri())
+    page.locator("#unfold").click()
     assert page.locator("figure").count() == page.locator("figure button").count() > 10
     figure = page.locator("figure").last
     button, picture = figure.locator("button"), figure.locator("img")
@@ -138,6 +139,30 @@ def test_figures_are_enlarged_without_a_mouse(width, listening, reports):
     page.keyboard.press("Escape")
     assert figure.evaluate("figure => !figure.matches(':popover-open')")
     assert page.evaluate("[scrollY, document.documentElement.scrollHeight]") == before
+    assert said == []
+
+
+def test_a_long_report_begins_with_its_verdict_and_unfolds(listening, reports):
+    page, said = listening
+    page.set_viewport_size({"width": 1400, "height": 900})
+    page.goto(reports["commission"].as_uri())
+    folds = page.locator("details")
+    assert folds.count() > 5
+    assert page.locator(".verdict").is_visible()
+    assert page.locator("table").first.is_visible()  # what was checked
+    folded = page.evaluate("document.documentElement.scrollHeight")
+    summary = folds.nth(2).locator("summary")
+    summary.focus()
+    page.keyboard.press("Enter")
+    assert folds.nth(2).locator("table, figure").first.is_visible()
+    page.get_by_role("link", name="Budgets").click()  # who asks for a section sees it
+    assert page.locator("section", has_text="Budgets").locator("details").last.evaluate("fold => fold.open")
+    page.locator("#unfold").click()
+    assert page.evaluate("document.documentElement.scrollHeight") > 3 * folded
+    page.locator("#unfold").click()
+    assert not any(fold.evaluate("fold => fold.open") for fold in folds.all())
+    page.emulate_media(media="print")
+    assert all(part.is_visible() for part in page.locator("img, table").all())
     assert said == []
 
 
@@ -161,6 +186,7 @@ def test_a_measured_surface_is_read_and_turned(listening, reconstructed, photogr
     page, said = listening
     page.set_viewport_size({"width": 1000, "height": 800})
     page.goto((folder / "report.html").as_uri())
+    page.locator("#unfold").click()
     figure = page.locator("figure").first
     figure.scroll_into_view_if_needed()
     figure.locator(".probe").hover(position={"x": 240, "y": 150})

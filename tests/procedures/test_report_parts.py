@@ -107,13 +107,13 @@ def test_cell_means_cut_short_at_the_border_and_leave_out_nan():
 
 
 def test_points_are_averaged_in_the_cell_they_lie_in():
-    u, v = np.array([0.0, 1.0, 5.0]), np.array([0.0, 1.0, 3.0])
-    residual = np.array([1.0, 3.0, 7.0])
-    points = StripResiduals(Estimate(3.0, 0.01, "mm"), np.ones(3, np.int16), u, v, residual, residual)
-    picture = scattered((points,), (5, 7), 2)
-    assert picture.shape == (3, 4)
-    assert picture[0, 0] == 2.0
-    assert picture[1, 2] == 7.0
+    u, v = np.array([4.0, 5.0, 9.0, 2.0, 9.0]), np.array([4.0, 5.0, 7.0, 5.0, 8.0])
+    residual = np.array([1.0, 3.0, 7.0, 50.0, 50.0])  # the last two in the picture's border of 3 px
+    points = StripResiduals(Estimate(3.0, 0.01, "mm"), np.ones(5, np.int16), u, v, residual, residual)
+    picture = scattered((points,), (11, 13), 2)
+    assert picture.shape == (6, 7)
+    assert picture[2, 2] == 2.0
+    assert picture[3, 4] == 7.0
     assert np.isfinite(picture).sum() == 2
 
 

@@ -8,7 +8,7 @@ import pypdfium2 as pdfium
 
 SAID_IN = ("h1", "h2", "p", "dt", "dd", "th", "td", "figcaption")
 # Links of the page to itself and to its downloads, and what enlarges a figure, have no place on paper.
-ON_THE_PAGE_ONLY = ("nav", "a", "button", "fieldset", "style", "title")
+ON_THE_PAGE_ONLY = ("nav", "a", "button", "fieldset", "summary", "style", "title")
 
 
 class _Texts(HTMLParser):

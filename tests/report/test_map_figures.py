@@ -115,6 +115,10 @@ def test_the_surface_view_has_true_proportions_and_units(scene):
         "y / mm",
         "z / mm (4 times)",
     )
+    bar = figure.axes[1]
+    assert bar.get_ylabel() == "height z / mm"
+    # A flat box or not: heights are told by more than its two ends.
+    assert len([tick for tick in axes.get_zticks() if 0 <= tick <= 5]) >= 3
     box = np.array(axes._box_aspect)
     np.testing.assert_allclose(box / box[0], np.array([158, 118, 5 * 4]) / 158, rtol=1e-9)
     pixels(figure)

@@ -11,7 +11,7 @@ import pytest
 
 from fringecal.report.figures_maps import height_map
 from fringecal.report.figures_surface import surface_view
-from fringecal.report.html import render_html, write_html
+from fringecal.report.html import folded, render_html, write_html
 from fringecal.report.readable import Layer, readable_plate
 from fringecal.report.structure import Fact, FigureItem, InputFile, Live, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
@@ -209,3 +209,14 @@ def test_an_empty_report_is_a_page_too(tmp_path):
     path = write_html(Report("Nothing", Verdict("info", "No capture was given.")), tmp_path / "r.html")
     assert "No capture was given." in Outline(path.read_text(encoding="utf-8")).text()
     assert [file.name for file in tmp_path.iterdir()] == ["r.html"]
+
+
+@pytest.mark.parametrize(
+    ("sizes", "expected"), [((5, 5), (False, False)), ((0, 7, 0, 1, 4), (False, False, False, True, True))]
+)
+def test_a_long_report_is_folded_after_the_first_that_it_shows(sizes, expected):
+    """Ten tables in all are read as they stand; of more, those beyond the fifth wait, but never the first section."""
+    table = Table("T", pd.DataFrame({"a": [1.0]}))
+    report = Report("R", Verdict("pass", "All."), (), tuple(Section("S", (), (table,) * size) for size in sizes))
+    assert folded(report) == expected
+    assert render_html(report).count("<details>") == sum(expected)

@@ -14,7 +14,7 @@ from fringecal.detect.grid import GridDetection, find_grid
 from fringecal.errors import SessionError
 from fringecal.phase.unwrap import unwrap
 from fringecal.procedures.audit_layout import Blocks, StripBlocks, block_means, strip_step
-from fringecal.procedures.frames import CapturePhase, phase_of_capture
+from fringecal.procedures.frames import CapturePhase, phase_of_capture, within_border
 from fringecal.procedures.lens import known_lens
 from fringecal.projection.calibration import RigCalibration
 from fringecal.projection.moves import RigState
@@ -25,7 +25,6 @@ from fringecal.uncertainty.estimates import Estimate
 
 Array = NDArray[np.float64]
 
-_BORDER_PX = 3
 _LEAST_PLATE = 0.05  # of the picture
 _NOT_THE_PLATE_RAD = 0.5  # rms about a smooth change; strips or bars leave more
 
@@ -119,7 +118,7 @@ def plate_today(capture: Capture, calibration: RigCalibration) -> PlateToday:
     phase = phase_of_capture(capture, wave=calibration.wave)
     rays = calibration.camera.pixel_rays()
     predicted = calibration.model.phase(rays.ax, rays.ay, 0.0)
-    valid = phase.map.valid & np.isfinite(predicted) & _within(predicted.shape)
+    valid = phase.map.valid & np.isfinite(predicted) & within_border(predicted.shape)
     wrapped = np.where(valid, np.angle(np.exp(1j * (phase.map.phase - np.where(valid, predicted, 0.0)))), 0.0)
     change = _largest_piece(wrapped, valid, capture.name)
     offset = float(np.nanmedian(change))
@@ -137,13 +136,6 @@ def plate_today(capture: Capture, calibration: RigCalibration) -> PlateToday:
             ]
         )
     return PlateToday(phase, change, blocks, offset)
-
-
-def _within(shape: tuple[int, ...]) -> NDArray[np.bool_]:
-    """Mask the picture's border: what a blur or a filter made of it lacks neighbours on one side."""
-    inside = np.zeros(shape, dtype=np.bool_)
-    inside[_BORDER_PX:-_BORDER_PX, _BORDER_PX:-_BORDER_PX] = True
-    return inside
 
 
 def _largest_piece(wrapped: Array, valid: NDArray[np.bool_], name: str) -> Array:

@@ -16,6 +16,15 @@ from fringecal.phase.steps import StepEstimate
 from fringecal.phase.waveform import Waveform
 from fringecal.session import Capture
 
+BORDER_PX = 3  # what blurs or filters a picture lacks neighbours there, and a fringe's phase is pulled aside
+
+
+def within_border(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask a picture's border of `BORDER_PX` pixels: true inside."""
+    inside = np.zeros(shape, dtype=np.bool_)
+    inside[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
+    return inside
+
 
 @dataclass(frozen=True)
 class CapturePhase:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.procedures.commission import Commissioning
+from fringecal.procedures.frames import BORDER_PX, within_border
 from fringecal.report.figures_maps import residual_map
 from fringecal.report.readable import Layer, ReadableMap, readable_picture
 from fringecal.report.structure import FigureItem, Live
@@ -44,12 +45,13 @@ class ResidualMaps:
 
 
 def residual_maps(found: Commissioning) -> ResidualMaps:
-    """Compute the residuals of plate and strips, of what the fit rejected too."""
+    """Compute the residuals of plate and strips, of what the fit rejected too, but not at the picture's border."""
     camera, model = found.calibration.camera, found.calibration.model
     cell = max(1, -(-max(found.plate_phase_rad.shape) // _CELLS))
     rays = camera.pixel_rays()
     smooth = np.where(np.isfinite(found.plate_phase_rad), model.residual(rays.ax, rays.ay), np.nan)
     plate = found.plate_phase_rad - model.ratio(rays.ax, rays.ay, 0.0) - smooth
+    plate[~within_border(plate.shape)] = np.nan
     strips = tuple(_strip_residuals(found, i) for i in range(1, len(found.observations.height_mm)))
     return ResidualMaps(cell, cell_means(plate, cell), cell_means(smooth, cell), strips)
 
@@ -86,11 +88,13 @@ def _strip_residuals(found: Commissioning, number: int) -> StripResiduals:
 
 
 def scattered(points: tuple[StripResiduals, ...], shape: tuple[int, ...], cell_px: int) -> Array:
-    """Average the residuals at points over cells of `cell_px` pixels a side; NaN where a cell has none."""
+    """Average the residuals at points over cells of `cell_px` pixels a side; NaN at the border and where is none."""
     rows, columns = (-(-side // cell_px) for side in shape)
-    v = np.concatenate([p.v_px for p in points]).astype(int) // cell_px
-    u = np.concatenate([p.u_px for p in points]).astype(int) // cell_px
+    v = np.concatenate([p.v_px for p in points]).astype(int)
+    u = np.concatenate([p.u_px for p in points]).astype(int)
     values = np.concatenate([p.residual_rad for p in points])
+    inside = within_border(shape)[v, u]
+    v, u, values = (part[inside] for part in (v // cell_px, u // cell_px, values))
     index = v * columns + u
     number = np.bincount(index, minlength=rows * columns)
     total = np.bincount(index, weights=values, minlength=rows * columns)
@@ -107,8 +111,14 @@ def residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureIt
     items = [
         FigureItem(
             caption,
-            residual_map(values, limit_rad=limit, step_px=maps.cell_px, title=f"means over {maps.cell_px} px"),
-            f"Map in the camera's picture on a scale of plus and minus {limit:.3f} rad, which "
+            residual_map(
+                values,
+                limit_rad=limit,
+                step_px=maps.cell_px,
+                title=f"means over {maps.cell_px} px, without {BORDER_PX} px at the picture's border",
+            ),
+            f"Map in the camera's picture, whose border of {BORDER_PX} px is left out since blur pulls the phase aside "
+            f"there, on a scale of plus and minus {limit:.3f} rad, which "
             f"{100 * float(np.mean(np.abs(values[np.isfinite(values)]) > limit)):.1f} % of its values exceed.",
             "png",
             Live(_readable(values, maps.cell_px)),

@@ -4,11 +4,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from fringecal.errors import RecordError
 from fringecal.report.style import HEIGHT_MAP, new_figure, styled
 
 _FACETS_PER_SIDE = 160
+_FLAT_TICKS = 3
 
 
 @styled
@@ -46,11 +48,11 @@ def surface_view(
     x, y, z = (part[::step, ::step] for part in (x_mm, y_mm, z_mm))
     if not np.isfinite(z).any():
         raise RecordError("no pixel of the surface is valid; there is nothing to draw, check its mask")
-    figure = new_figure(7.4, 5.0)
+    figure = new_figure(8.0, 5.0)
     axes: Any = figure.add_subplot(projection="3d")
     low, high = np.nanmin(z), np.nanmax(z)
     # A facet with NaN in z is not drawn, but its x and y must be finite.
-    axes.plot_surface(
+    drawn = axes.plot_surface(
         np.nan_to_num(x, nan=np.nanmean(x)),
         np.nan_to_num(y, nan=np.nanmean(y)),
         z,
@@ -61,10 +63,14 @@ def surface_view(
         vmax=high,
         linewidth=0,
         antialiased=False,
+        clip_on=False,  # the box may reach beyond its axes
     )
     spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x, y, z)])
-    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.2)
-    axes.set_zticks([float(f"{low:.2g}"), float(f"{high:.3g}")])  # more would overlap on a flat box
+    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.1)
+    # On a flat box more ticks would overlap; the colours tell heights between them.
+    axes.zaxis.set_major_locator(MaxNLocator(_FLAT_TICKS if spans[2] * exaggeration < 0.25 * spans.max() else 5))
+    bar = figure.colorbar(drawn, ax=axes, shrink=0.6, pad=0.12)  # beside the label of the axis
+    bar.set_label(f"height z / {unit}")
     axes.view_init(elev=32, azim=-65)
     stretched = "" if exaggeration == 1 else f" ({exaggeration:g} times)"
     axes.set(xlabel=f"x / {unit}", ylabel=f"y / {unit}", zlabel=f"z / {unit}{stretched}", title=title)

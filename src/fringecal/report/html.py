@@ -15,6 +15,8 @@ from fringecal.report.readable import ReadableMap
 from fringecal.report.structure import FigureItem, Live, Report, Section, Table, slug
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 
+_OPEN = 5  # tables and figures that a page shows unasked; with more, it is a list of sections to open
+
 
 @dataclass(frozen=True)
 class _Row:
@@ -66,12 +68,16 @@ def render_html(report: Report) -> str:
     lives = [item.live for section in report.sections for item in section.figures if item.live]
     # Figures of one object share its values: they stand in the page once.
     values = {one: f"values-{n}" for n, one in enumerate(dict.fromkeys(live.values for live in lives), start=1)}
-    files = inputs_table(report)
+    files, folds = inputs_table(report), folded(report)
     return _template().render(
         report=report,
         word=word,
         sign=sign,
-        sections=[_view_section(section, n, values) for n, section in enumerate(report.sections, start=1)],
+        sections=[
+            _view_section(section, n, values) | {"fold": _contents(section) if fold else ""}
+            for n, (section, fold) in enumerate(zip(report.sections, folds, strict=True), start=1)
+        ],
+        folded=any(folds),
         inputs=_view_table(files) if files is not None else None,
         values={name: one.text() for one, name in values.items()},
         plotly=_plotly() if any(live.stretch is not None for live in lives) else "",
@@ -81,6 +87,24 @@ def render_html(report: Report) -> str:
 def write_html(report: Report, path: str | Path) -> Path:
     """Write a report as one HTML file, whole or not at all, and return its path."""
     return write_text(path, render_html(report))
+
+
+def folded(report: Report) -> tuple[bool, ...]:
+    """Tell which sections of a long report begin folded: those beyond the first few tables and figures.
+
+    The first section that shows anything never is, nor is any of a report that is short as a whole.
+    """
+    sizes = [len(section.tables) + len(section.figures) for section in report.sections]
+    if sum(sizes) <= 2 * _OPEN:
+        return (False,) * len(sizes)
+    before = [sum(sizes[:place]) for place in range(len(sizes))]
+    return tuple(bool(size and earlier and earlier + size > _OPEN) for size, earlier in zip(sizes, before, strict=True))
+
+
+def _contents(section: Section) -> str:
+    """Name what a folded section holds, so that a reader knows what to open."""
+    captions = (*(table.caption for table in section.tables), *(figure.caption for figure in section.figures))
+    return "; ".join(captions)
 
 
 def _template() -> jinja2.Template:
