@@ -34,7 +34,9 @@ def test_an_older_result_survives(data, calibration, tmp_path, name):
     assert process.returncode != 0
     assert contents(out) == before
     if name == "SIGINT":
+        assert complaint.strip().splitlines()[-1].startswith("interrupted: nothing was written")
         assert "Traceback" not in complaint
+        assert process.returncode == 130
         assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration"]
 
 

@@ -55,6 +55,18 @@ def test_a_table_keeps_every_digit(tmp_path):
     assert path.read_text() == 'angle / deg,name\n3.141592653589793,"a,b"\n,"say ""x"""\n'
 
 
+def test_what_a_killed_command_left_is_cleared_a_day_later(tmp_path):
+    left, at_work, other = (tmp_path / f".{name}.partial" for name in ("out.1a", "out.2b", "outer.3c"))
+    for folder in (left, at_work, other):
+        folder.mkdir()
+        (folder / "a.txt").write_text("gathered")
+    for folder in (left, other):
+        os.utime(folder, (time.time() - 25 * 3600,) * 2)
+    with result_folder(tmp_path / "out") as staging:
+        (staging / "b.txt").write_text("")
+    assert names(tmp_path) == [".out.2b.partial", ".outer.3c.partial", "out"]
+
+
 def test_a_new_folder_appears_whole(tmp_path):
     with result_folder(tmp_path / "out") as staging:
         (staging / "tables").mkdir()

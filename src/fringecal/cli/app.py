@@ -9,7 +9,7 @@ from fringecal import __version__
 from fringecal.cli.console import complain
 from fringecal.errors import FringecalError
 
-EXIT_PASS, EXIT_ERROR, EXIT_USAGE, EXIT_OUT_OF_TOLERANCE = 0, 1, 2, 3
+EXIT_PASS, EXIT_ERROR, EXIT_USAGE, EXIT_OUT_OF_TOLERANCE, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 VERBS = (
     "demo",
@@ -59,10 +59,21 @@ def build_app(only: str | None = None) -> typer.Typer:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance."""
+    """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance, 130 interrupted."""
     try:
         given = sys.argv[1:] if arguments is None else arguments
         build_app(given[0] if given else None)(args=given)
     except FringecalError as error:
         complain(error)
         sys.exit(EXIT_ERROR)
+    except KeyboardInterrupt:
+        _tell_interrupted()
+        sys.exit(EXIT_INTERRUPTED)
+    except SystemExit as stop:  # Typer's way to pass on an interruption of a verb
+        if stop.code == EXIT_INTERRUPTED:
+            _tell_interrupted()
+        raise
+
+
+def _tell_interrupted() -> None:
+    print("interrupted: nothing was written of what was not complete; run the command again", file=sys.stderr)

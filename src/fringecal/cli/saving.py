@@ -1,6 +1,6 @@
 """What every verb writes: record, tables, figures and report, all together or not at all."""
 
-import os
+import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -60,13 +60,15 @@ def demand_folder(out: Path) -> None:
     RecordError
         `out` is a file, or lies in one, or in a folder where nothing may be written.
     """
-    for place in (out, *out.absolute().parents):
-        if place.is_file():
-            raise RecordError(f"{out}: a folder for results was needed, but {place} is a file; name another")
-        if place.is_dir():
-            if not os.access(place, os.W_OK | os.X_OK):
-                raise RecordError(f"{out}: nothing may be written in {place}; name another folder for the results")
-            return
+    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise RecordError(f"{out}: a folder for results was needed, but {place} is a file; name another")
+    try:
+        tempfile.TemporaryDirectory(prefix=".fringecal-", dir=place).cleanup()  # rights alone do not tell
+    except OSError as error:
+        raise RecordError(
+            f"{out}: nothing may be written in {place} ({error.strerror}); name another folder for the results"
+        ) from error
 
 
 def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:

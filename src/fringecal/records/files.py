@@ -1,10 +1,12 @@
 """Writing so that a reader never meets half a file: to a sibling first, then renamed into place."""
 
 import contextlib
+import glob
 import hashlib
 import os
 import secrets
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +15,9 @@ from fringecal.errors import RecordError
 
 if TYPE_CHECKING:
     import pandas as pd
+
+ABANDONED_S = 24 * 3600.0
+"""Age in s after which what a killed command had gathered is cleared away by the next one; none works so long at it."""
 
 EARLIER = "earlier"
 """Folder beside a record that keeps those that stood in its place."""
@@ -82,7 +87,8 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
     A new `folder` appears in one rename. Into an existing one the files are renamed one by one,
     the file named `last` after all others, so that a record never stands before its results;
     files of other names are left alone. A record that is replaced is kept in `earlier/`, named
-    by its hash: audits, verifications and certificates may rest on it.
+    by its hash: audits, verifications and certificates may rest on it. What a command that was
+    killed had gathered for the same folder is removed once it is a day old.
 
     Raises
     ------
@@ -95,12 +101,19 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
         raise RecordError(f"{folder}: a folder for results was needed, found a file; name another")
     try:
         staging.mkdir(parents=True)
+        _clear_abandoned(folder)
         yield staging
         _move_all(staging, folder, last)
     except OSError as error:
         raise RecordError(f"{folder}: cannot be written ({error.strerror or error})") from error
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+
+
+def _clear_abandoned(folder: Path) -> None:
+    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
+        if time.time() - left.stat().st_mtime > ABANDONED_S:
+            shutil.rmtree(left, ignore_errors=True)
 
 
 def _move_all(staging: Path, folder: Path, last: str) -> None:

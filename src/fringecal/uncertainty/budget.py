@@ -2,12 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
 from fringecal.uncertainty.estimates import Estimate
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -35,8 +38,10 @@ class Budget:
     result: Estimate
     rows: tuple[BudgetRow, ...]
 
-    def table(self) -> pd.DataFrame:
+    def table(self) -> "pd.DataFrame":
         """Return the rows as a table."""
+        import pandas as pd
+
         return pd.DataFrame([vars(row) for row in self.rows])
 
 

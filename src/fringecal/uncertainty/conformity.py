@@ -4,7 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal
 
-from scipy import integrate, optimize, stats
+from scipy import integrate, optimize
+from scipy.special import ndtr, ndtri
 
 from fringecal.errors import FitError
 
@@ -46,7 +47,7 @@ def conformance_probability(y: float, u: float, *, lower: float = -math.inf, upp
     _check(u, lower, upper)
     if u == 0:
         return float(lower <= y <= upper)
-    return float(stats.norm.cdf((upper - y) / u) - stats.norm.cdf((lower - y) / u))
+    return float(ndtr((upper - y) / u) - ndtr((lower - y) / u))
 
 
 def decide(y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = 0.95) -> Decision:
@@ -94,18 +95,18 @@ def guard_band(u: float, *, tolerance: float = math.inf, level: float = 0.95) ->
     """
     if u <= 0:
         return 0.0
-    simple = float(stats.norm.ppf(level))
+    simple = float(ndtri(level))
     width = tolerance / u
     if math.isinf(width):
         return simple * u
-    if 2 * stats.norm.cdf(width / 2) - 1 < level:
+    if 2 * ndtr(width / 2) - 1 < level:
         raise FitError(
             f"a tolerance of {tolerance:g} leaves no acceptance zone with u = {u:g} at {level:.0%}; "
-            f"u must be below {tolerance / (2 * float(stats.norm.ppf(0.5 + level / 2))):.3g}"
+            f"u must be below {tolerance / (2 * float(ndtri(0.5 + level / 2))):.3g}"
         )
 
     def excess(g: float) -> float:
-        return float(stats.norm.cdf(g) - stats.norm.cdf(g - width)) - level
+        return float(ndtr(g) - ndtr(g - width)) - level
 
     low = min(simple, width / 2)
     return u * (low if excess(low) >= 0 else float(optimize.brentq(excess, low, width / 2, xtol=1e-12)))
@@ -144,11 +145,11 @@ def global_risks(
         Both limits are drawn in by this before the measured value meets them; negative draws them out.
     """
     _check(u, lower, upper)
-    prior = stats.norm(prior_mean, prior_sd)
 
     def accepted(value: float) -> float:
-        inside = stats.norm.cdf((upper - guard - value) / u) - stats.norm.cdf((lower + guard - value) / u)
-        return float(inside * prior.pdf(value))
+        inside = ndtr((upper - guard - value) / u) - ndtr((lower + guard - value) / u)
+        density = math.exp(-(((value - prior_mean) / prior_sd) ** 2) / 2) / (math.sqrt(math.tau) * prior_sd)
+        return float(inside * density)
 
     def share(start: float, end: float) -> float:
         return float(integrate.quad(accepted, start, end, epsabs=1e-12, epsrel=1e-10, limit=200)[0])
@@ -157,7 +158,7 @@ def global_risks(
     first, last = min(lower, prior_mean - reach), max(upper, prior_mean + reach)
     consumer = share(first, lower) + share(upper, last)
     conforming_accepted = share(lower, upper)
-    conforming = float(prior.cdf(upper) - prior.cdf(lower))
+    conforming = float(ndtr((upper - prior_mean) / prior_sd) - ndtr((lower - prior_mean) / prior_sd))
     accepted_share = consumer + conforming_accepted
     return GlobalRisks(consumer, conforming - conforming_accepted, consumer / accepted_share)
 

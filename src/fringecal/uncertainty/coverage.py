@@ -2,7 +2,7 @@
 
 import math
 
-from scipy import stats
+from scipy.special import ndtri
 
 
 def wilson_interval(hits: int, number: int, *, coverage: float = 0.95) -> tuple[float, float]:
@@ -31,7 +31,7 @@ def wilson_interval(hits: int, number: int, *, coverage: float = 0.95) -> tuple[
     """
     if not 0 <= hits <= number or number < 1:
         raise ValueError(f"{hits} hits in {number} trials: at least one trial, and no more hits than trials")
-    k2, share = float(stats.norm.ppf(0.5 + coverage / 2)) ** 2, hits / number
+    k2, share = float(ndtri(0.5 + coverage / 2)) ** 2, hits / number
     half = math.sqrt(k2 * share * (1 - share) / number + (k2 / (2 * number)) ** 2)
     middle, total = share + k2 / (2 * number), 1 + k2 / number
     return max(0.0, (middle - half) / total), min(1.0, (middle + half) / total)

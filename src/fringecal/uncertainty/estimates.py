@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from scipy import stats
+from scipy.special import ndtri, stdtrit  # scipy.stats gives the same and takes ten times as long to load
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,8 @@ class Estimate:
 
     def expanded(self, coverage: float = 0.95) -> Expanded:
         """Expand by Student's t for the stated degrees of freedom (JCGM 100:2008, G.3)."""
-        k = (
-            float(stats.t.ppf(0.5 + coverage / 2, self.dof))
-            if math.isfinite(self.dof)
-            else float(stats.norm.ppf(0.5 + coverage / 2))
-        )
+        level = 0.5 + coverage / 2
+        k = float(stdtrit(self.dof, level) if math.isfinite(self.dof) else ndtri(level))
         return Expanded(k * self.u, k, coverage)
 
     @property
