@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from fringecal.errors import FringecalError
 from fringecal.procedures.audit import CHANCE, Audit, audit
+from fringecal.procedures.audit_changes import least_seen
 from fringecal.procedures.audit_observed import base_state
 from fringecal.procedures.commission import commission
 from fringecal.procedures.recording import calibration_of, calibration_record
@@ -174,8 +175,7 @@ def stated(found: Audit, calibration: RigCalibration, amounts: Mapping[str, floa
     if not square:
         return CHANCE, math.inf
     threshold = stats.chi2.isf(CHANCE, size)
-    needed = float(special.chndtrinc(threshold, size, 1 - POWER))
-    return float(stats.ncx2.sf(threshold, size, square)), math.sqrt(needed / square)
+    return float(stats.ncx2.sf(threshold, size, square)), math.sqrt(least_seen(size) / square)
 
 
 @dataclass(frozen=True)
