@@ -166,10 +166,14 @@ def distortion_section(grid: GridPicture) -> Section:
         "with the lens. Arrows that point alike in a region show what a model leaves out.",
         "png",
     )
+    found = test.verdict != "none"
     neglect = FigureItem(
-        "What neglecting the lens costs",
+        "What neglecting the lens costs" if found else "Crossings off the best plane view",
         neglect_map(test, shape, mm_per_px=grid.mm_per_px),
-        "Every crossing coloured by the error of its position when the lens is neglected.",
+        "Every crossing coloured by the error of its position when the lens is neglected."
+        if found
+        else "Every crossing coloured by its distance from the best plane view. No lens was found in it: what is left "
+        "is the scatter of the crossings and of the lines' own places.",
         "png",
     )
     tables = (_straightness_table(test), Table("Distortion at check points", points, note, formats))

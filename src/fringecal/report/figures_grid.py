@@ -176,7 +176,7 @@ def neglect_map(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: floa
     axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
     image_axes(axes)
     unit = "px" if mm_per_px is None else "mm"
-    colourbar(axes, dots, f"error of a position with the lens neglected / {unit}")
+    colourbar(axes, dots, f"distance from the best plane view / {unit}")
     axes.set_title(f"largest {cost.max():.3g} {unit}, rms {np.sqrt(np.mean(cost**2)):.3g} {unit}", loc="left")
     return figure
 
