@@ -9,7 +9,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.history import append_record
+from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 from fringecal.uncertainty.rounding import doubt_text, value_text
 
@@ -62,10 +62,16 @@ def audit(
         file = calibration / CALIBRATION_FILE if calibration.is_dir() else calibration
         record = audit_record(found, file, command=command, limits=allowed)
         show("writing the report")
-        report = audit_report(found, command=" ".join(command), created=datetime.now(UTC), limits=allowed)
         with result_folder(out, last=AUDIT_FILE) as staging:
-            write_report(report, staging)
             write_audit(record, staging)
+            report = audit_report(
+                found,
+                command=" ".join(command),
+                created=datetime.now(UTC),
+                limits=allowed,
+                history=history_beside(staging, history),
+            )
+            write_report(report, staging)
     if history:
         append_record(out / AUDIT_FILE, history)
     if as_json:

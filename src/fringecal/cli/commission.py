@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.history import append_record
+from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
 from fringecal.uncertainty.rounding import doubt_text, value_text
 
@@ -51,12 +51,18 @@ def commission(
         found = run(loaded, progress=show)
         record = calibration_record(found, command=command, limits=allowed)
         show("writing the report")
-        report = commission_report(found, command=" ".join(command), created=datetime.now(UTC), limits=allowed)
         with result_folder(out, last=CALIBRATION_FILE) as staging:
             if not found.calibration.camera.telecentric:
                 write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)
-            write_report(report, staging)
             write_calibration(record, staging)
+            report = commission_report(
+                found,
+                command=" ".join(command),
+                created=datetime.now(UTC),
+                limits=allowed,
+                history=history_beside(staging, history),
+            )
+            write_report(report, staging)
     if history:
         append_record(out / CALIBRATION_FILE, history)
     if as_json:

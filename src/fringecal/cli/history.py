@@ -19,6 +19,8 @@ from fringecal.uncertainty.rounding import doubt_text, value_text
 if TYPE_CHECKING:
     import pandas as pd
 
+    from fringecal.report.structure import Section
+
 HELP = """Keep the records of rigs over the years: append, tabulate, chart, export.
 
 The history is an SQLite file, or a PostgreSQL database by URL. Rows are added, never changed.
@@ -60,6 +62,36 @@ def append_record(record: Path, db: str) -> None:
     except HistoryError as error:
         hint = f"the results in {record.parent} are complete; `fringecal history add {record} --db DB` adds them"
         raise HistoryError(f"{error}\n{hint}") from error
+
+
+def history_beside(record: Path, db: str) -> "Section | None":
+    """Chart a record's quantities over the history that it will be appended to; None where there is none yet.
+
+    A history that cannot be read stops no report: appending to it, when the results are written, will say why.
+    """
+    import pandas as pd
+
+    from fringecal.errors import HistoryError
+    from fringecal.history.entries import read_entry
+    from fringecal.history.review import review_series, series_of
+    from fringecal.history.store import open_history, readings_of
+    from fringecal.procedures.report_history import history_section
+
+    if not db:
+        return None
+    entry = read_entry(record)
+    today = readings_of(entry)
+    try:
+        with open_history(db, create=False) as history:
+            before = history.readings(entry.rig)
+    except HistoryError:
+        return None
+    quantities = [str(name) for name in today["quantity"] if not str(name).startswith("check: ")]
+    known = before[before["quantity"].isin(quantities)]
+    table = today if known.empty else pd.concat([known.astype(object), today.astype(object)], ignore_index=True)
+    ordered = table.sort_values("captured", kind="stable")
+    reviews = [review_series(series_of(ordered[ordered["quantity"] == name])) for name in quantities]
+    return history_section(reviews)
 
 
 def add(

@@ -94,6 +94,16 @@ class History:
             raise HistoryError(f"{self.name}: {_reason(error)}") from error
 
 
+def readings_of(entry: Entry) -> pd.DataFrame:
+    """Tabulate one entry's readings as `History.readings` does, before it is appended or without."""
+    row = asdict(entry)
+    ours = {name: row[name] for name in ENTRY_COLUMNS if name != "decision"} | {"verdict": row["decision"]}
+    columns = [*ours, *READING_COLUMNS]
+    return pd.DataFrame(
+        [ours | {name: one[name] for name in READING_COLUMNS} for one in row["readings"]], columns=columns
+    )
+
+
 def _append(connection: Connection, entry: Entry) -> int:
     insert = _INSERT[connection.dialect.name]
     row = asdict(entry)

@@ -9,7 +9,7 @@ from scipy import special
 
 from fringecal.errors import SessionError
 from fringecal.procedures.appearance import appearance_of
-from fringecal.procedures.artefacts import ArtefactVerification, verify_artefact
+from fringecal.procedures.artefacts import ArtefactVerification
 from fringecal.procedures.audit_causes import CauseFit, rank_causes
 from fringecal.procedures.audit_doubt import Observed, covariance_of, light_doubt
 from fringecal.procedures.audit_layout import (
@@ -29,11 +29,11 @@ from fringecal.procedures.audit_observed import (
     strips_today,
     with_todays_offset,
 )
-from fringecal.procedures.verification import Verification, demand_same_picture, verify
+from fringecal.procedures.verification import Verification, demand_same_picture
+from fringecal.procedures.verified import independent, verify_capture
 from fringecal.projection.calibration import RigCalibration
 from fringecal.records.calibration import AppearanceRecord, CalibrationRecord
 from fringecal.session import Session
-from fringecal.targets.models import Zigzag
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -240,16 +240,14 @@ def _notes(
 def _with_artefacts(found: Audit, progress: Progress) -> Audit:
     """Measure every artefact with the calibration in force; only the constant of the phase is today's."""
     session, plate = found.session, found.plate
-    captures = [c for c in session.find("artefact") if c.target is not None and c.use != "calibration"]
+    captures = independent(session)
     if not captures:
         return found
     rig = found.calibration if plate is None else with_todays_offset(found.calibration, plate.offset_rad)
-    bars: tuple[Verification, ...] = ()
-    others: tuple[ArtefactVerification, ...] = ()
+    measured: list[Verification | ArtefactVerification] = []
     for capture in captures:
         progress(f"heights of {capture.name}")
-        if isinstance(capture.target, Zigzag):
-            bars += (verify(session, capture.name, rig, with_filters=False),)
-        else:
-            others += (verify_artefact(capture, rig),)
-    return replace(found, bars=bars, artefacts=others)
+        measured.append(verify_capture(session, capture, rig))
+    bars = tuple(one for one in measured if isinstance(one, Verification))
+    artefacts = tuple(one for one in measured if isinstance(one, ArtefactVerification))
+    return replace(found, bars=bars, artefacts=artefacts)

@@ -14,21 +14,31 @@ from fringecal.verify.readings import Reading
 
 if TYPE_CHECKING:
     from fringecal.procedures.commission import Commissioning
+    from fringecal.procedures.examination import Examination
     from fringecal.procedures.verification import Verification
+    from fringecal.procedures.verified import Verified
 
 
 def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of a commissioning, with their decisions."""
     own = limits.commission
+    plate = rms_estimate(found.fit.plate_rms_rad, found.observations.phase_rad[0].size, "rad")
+    grid = rms_estimate(found.camera.fit.rms_px, found.camera.fit.dof, "px")
     checks = [
-        _below("plate phase residual", found.fit.plate_rms_rad, own.plate_residual_rad, "rad"),
-        _below("grid residual", found.camera.fit.rms_px, own.grid_residual_px, "px"),
+        _below("plate phase residual", plate, own.plate_residual_rad, limits.level),
+        _below("grid residual", grid, own.grid_residual_px, limits.level),
         # Heights hang on the angle that the camera sees; where a tilted camera stands changes only the other.
-        _below("standard uncertainty of the apparent projection angle", found.apparent.u, own.angle_u_deg, "deg"),
+        _below(
+            "standard uncertainty of the apparent projection angle",
+            Estimate(found.apparent.u, found.apparent.u / math.sqrt(2 * found.apparent.dof), "deg"),
+            own.angle_u_deg,
+            limits.level,
+        ),
         Check(
             name="largest lens displacement",
             value=found.camera.distortion.max_px.value,
             u=found.camera.distortion.max_px.u,
+            expanded=found.camera.distortion.max_px.expanded().U,
             unit="px",
             decision="info",
             rule=f"verdict {found.camera.distortion.verdict}; corrected by the camera model",
@@ -45,6 +55,7 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 name="camera height",
                 value=assumed.value,
                 u=assumed.u,
+                expanded=assumed.expanded().U,
                 unit="mm",
                 decision="conditionalPass",
                 rule=rule,
@@ -61,7 +72,66 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 "uncertainties (k = 2)",
             )
         )
-    return (*checks, *_lamp_check(found), _heights_check(found))
+    several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.examined))
+    return (*checks, *_lamp_check(found), _heights_check(found), *several, *verified_checks(found.verified, limits))
+
+
+def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]:
+    """Judge noise and form of the plate where it was taken several times."""
+    repeats = found.repeats
+    if repeats is None:
+        return ()
+    return (
+        _below("noise of repeats over its prediction", repeats.ratio, limits.commission.noise_ratio, limits.level),
+        _below("plate form beyond the model, rms", repeats.form_mm, limits.commission.plate_form_mm, limits.level),
+    )
+
+
+def _frames_check(examined: "Examination", limits: Limits) -> Check:
+    """Judge what the doctor found wrong with frames and the phase used is not corrected for."""
+    left = [finding for finding in examined.findings if finding.name not in examined.undone]
+    cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
+    limit = limits.commission.frames_rad
+    named = ", ".join(dict.fromkeys(finding.name for finding in left)) or "nothing"
+    return Check(
+        name=f"frames of {examined.phase.capture.name}",
+        value=cost,
+        limit=limit,
+        unit="rad",
+        # A diagnosis from the frames alone proves no error of heights: at worst it is a condition.
+        decision="pass" if cost <= limit else "conditionalFail",
+        rule=f"rms error of the phase by what the doctor found and was not undone ({named}), at most the limit",
+    )
+
+
+def verified_checks(found: "Verified", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of all artefacts of a session, named by their captures.
+
+    An artefact that was laid there to verify the rig and could not be measured is a check that failed.
+    """
+    bars = ((one.capture.name, verification_checks(one, limits)) for one in found.bars)
+    others = ((one.capture.name, artefact_checks(one.readings, limits)) for one in found.artefacts)
+    measured = tuple(
+        check.model_copy(update={"name": f"{name}: {check.name}"})
+        for name, checks in (*bars, *others)
+        for check in checks
+    )
+    failed = (
+        Check(name=f"{name}: measured", value=None, decision="fail", rule=f"the artefact can be measured; {reason}")
+        for name, reason in found.failures
+    )
+    return (*measured, *failed)
+
+
+def rms_estimate(rms: float, number: int, unit: str) -> Estimate:
+    """Return an rms of independent residuals with its uncertainty, ``rms / sqrt(2 n)`` (JCGM 100:2008, E.4.3).
+
+    Examples
+    --------
+    >>> rms_estimate(0.1, 50, "px").u
+    0.01
+    """
+    return Estimate(rms, rms / math.sqrt(2 * max(number, 1)), unit)
 
 
 def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
@@ -197,8 +267,15 @@ def artefact_checks(readings: Sequence[Reading], limits: Limits = DEFAULT_LIMITS
     )
 
 
-def _below(name: str, value: float, limit: float, unit: str, *, u: float = 0.0) -> Check:
-    outcome = decide(value, u, upper=limit).outcome
+def _below(name: str, found: Estimate, limit: float, level: float) -> Check:
+    """Judge a quantity that cannot be negative, such as an rms, against its upper limit."""
     return Check(
-        name=name, value=value, limit=limit, u=u, unit=unit, decision=outcome, rule="value + guard band <= limit"
+        name=name,
+        value=found.value,
+        limit=limit,
+        u=found.u,
+        expanded=found.expanded().U if found.u > 0 else None,
+        unit=found.unit,
+        decision=decide(found.value, found.u, upper=limit, level=level).outcome,
+        rule=f"below the limit with a probability of {level:.0%} at least (guard band)",
     )

@@ -28,6 +28,8 @@ from fringecal.procedures.further import (
     strips_target,
     with_further,
 )
+from fringecal.procedures.plate_repeats import PlateRepeats, plate_repeats
+from fringecal.procedures.verified import Verified, verify_session
 from fringecal.projection.advice import Advice, advise
 from fringecal.projection.angle import ProjectorPosition, angles_at_origin, fringe_pitch_mm
 from fringecal.projection.calibration import Observations, RigCalibration, calibrate_rig
@@ -70,6 +72,7 @@ class Commissioning:
     pitch_mm: float
     plate_phase_rad: Array
     further: tuple[FurtherArtefact, ...] = ()
+    verified: Verified = Verified()
 
     @property
     def angle_en(self) -> float | None:
@@ -108,7 +111,11 @@ class Commissioning:
         ]
         further = (note for artefact in self.further for note in artefact.notes)
         moved = () if self.displacement is None or self.displacement.agrees else (self.displacement.sentence(),)
-        return (*orders, *self.camera.notes, *further, *self.contradictions, *moved, self.angle_sentence)
+        bars = (f"{one.capture.name}: {one.errors.sentence}" for one in self.verified.bars)
+        artefacts = (f"{one.capture.name}: {one.sentence}" for one in self.verified.artefacts)
+        failed = (f"{name}: not verified: {reason}" for name, reason in self.verified.failures)
+        rest = (*self.contradictions, *moved, self.angle_sentence, *bars, *artefacts, *failed)
+        return (*orders, *self.camera.notes, *further, *rest)
 
     @cached_property
     def columns(self) -> tuple[ColumnAngle, ...]:
@@ -124,6 +131,11 @@ class Commissioning:
         same = plate.capture.steps_rad == strips.capture.steps_rad
         beside = plate.capture if same else None
         return (examine(plate, self.calibration), examine(strips, self.calibration, plate=beside))
+
+    @cached_property
+    def repeats(self) -> PlateRepeats | None:
+        """What repeats of the bare plate show; None where it was taken once. Computed when first asked for."""
+        return plate_repeats(self.reference, self.plate_phase_rad, self.calibration)
 
     @cached_property
     def advice(self) -> Advice:
@@ -148,12 +160,13 @@ class Commissioning:
 
 
 def commission(session: Session, *, progress: Progress = lambda _: None) -> Commissioning:
-    """Calibrate a rig from a session that holds a grid, the bare plate and strips.
+    """Calibrate a rig from a session that holds a grid, the bare plate and strips, and verify it on what else is there.
 
     Parameters
     ----------
     session
-        A checked session with captures of kind grid, reference and strips.
+        A checked session with captures of kind grid, reference and strips. Artefacts that state
+        use = "calibration" take part in the fit; all others are measured with its result.
     progress
         Called with a short sentence before each step.
 
@@ -215,7 +228,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     counted = None if reference.orders is None else PlateOrders.of(reference.orders, plate_phase)
     calibration = replace(calibration, wave=wave, orders=counted)
     found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
-    return replace(found, further=further)
+    return replace(found, further=further, verified=verify_session(session, calibration, progress=progress))
 
 
 def measured_step(above: PhaseMap, plate: PhaseMap) -> MeasuredStep | None:

@@ -45,7 +45,7 @@ def artefact_report(
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
         verdict=Verdict(severest(artefact_checks(found.readings, limits)), found.sentence),
         facts=tuple(_fact(reading) for reading in found.readings),
-        sections=(_numbers(found), *_budgets(found), _surface(found), phase_section((found.phase,))),
+        sections=(numbers_section(found), *_budgets(found), surface_section(found), phase_section((found.phase,))),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),
         command=command,
@@ -59,7 +59,8 @@ def _fact(reading: Reading) -> Fact:
     return Fact(reading.name[0].upper() + reading.name[1:], f"{reading.measured:.4f}{unit}", note)
 
 
-def _numbers(found: ArtefactVerification) -> Section:
+def numbers_section(found: ArtefactVerification) -> Section:
+    """Tabulate every number of the artefact beside its certificate."""
     formats = {
         "measured": ".4f",
         "reference": ".4f",
@@ -90,7 +91,8 @@ def _budgets(found: ArtefactVerification) -> tuple[Section, ...]:
     return (Section("Uncertainty", (), (table,), (FigureItem(f"Budget of {reading.name}", figure, alt),)),)
 
 
-def _surface(found: ArtefactVerification) -> Section:
+def surface_section(found: ArtefactVerification) -> Section:
+    """Show where points lie off the fitted form, the heights, and the surface to be turned."""
     surface, probe = found.surface, found.probe
     cloud = np.stack([surface.x, surface.y, surface.z], axis=-1).reshape(-1, 3)
     residual = np.full(surface.z.size, np.nan)

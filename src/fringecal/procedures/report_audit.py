@@ -9,6 +9,8 @@ from fringecal.procedures.audit import Audit
 from fringecal.procedures.audit_changes import Change, audit_checks, changes_of
 from fringecal.procedures.audit_words import amount_text, audit_sentence
 from fringecal.procedures.report_parts import checks_table, inputs_of_capture, phase_section, severest
+from fringecal.procedures.report_verified import verified_sections
+from fringecal.procedures.verified import Verified
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.provenance import software_versions
 from fringecal.report.figures_audit import cause_bars, change_bars
@@ -20,7 +22,12 @@ from fringecal.uncertainty.rounding import doubt_text, value_text
 
 
 def audit_report(
-    found: Audit, *, command: str = "", created: datetime | None = None, limits: Limits = DEFAULT_LIMITS
+    found: Audit,
+    *,
+    command: str = "",
+    created: datetime | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+    history: Section | None = None,
 ) -> Report:
     """Return the report of an audit.
 
@@ -28,7 +35,7 @@ def audit_report(
     ----------
     found
         What the audit has found.
-    command, created, limits
+    command, created, limits, history
         As for `commission_report`.
     """
     checks, changes = audit_checks(found, limits), changes_of(found, limits)
@@ -44,7 +51,9 @@ def audit_report(
             _changes_section(found, changes, limits),
             *_causes_section(found),
             *_maps_section(found),
+            *verified_sections(Verified(found.bars, found.artefacts)),
             *((phase_section(phases),) if phases else ()),
+            *((history,) if history else ()),
         ),
         inputs=tuple(file for capture in captures for file in inputs_of_capture(capture)),
         versions=software_versions(),

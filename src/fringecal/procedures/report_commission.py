@@ -15,6 +15,7 @@ from fringecal.procedures.report_lens import lens_section
 from fringecal.procedures.report_parts import checks_table, concise, inputs_of_capture, phase_section, severest
 from fringecal.procedures.report_residuals import residual_maps
 from fringecal.procedures.report_rig import rig_section, strips_section
+from fringecal.procedures.report_verified import repeats_section, verified_sections
 from fringecal.projection.angle import fringe_pitch_mm
 from fringecal.records.limits import DEFAULT_LIMITS, Limits
 from fringecal.records.parts import Check
@@ -24,7 +25,12 @@ from fringecal.uncertainty.estimates import Estimate
 
 
 def commission_report(
-    found: Commissioning, *, command: str = "", created: datetime | None = None, limits: Limits = DEFAULT_LIMITS
+    found: Commissioning,
+    *,
+    command: str = "",
+    created: datetime | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+    history: Section | None = None,
 ) -> Report:
     """Return the report of a commissioning.
 
@@ -38,6 +44,8 @@ def commission_report(
         Time of writing, with its zone.
     limits
         The laboratory's limits.
+    history
+        What the rig's history says beside this calibration (`fringecal.procedures.report_history.history_section`).
     """
     checks = commissioning_checks(found, limits)
     residuals = residual_maps(found)
@@ -51,12 +59,15 @@ def commission_report(
             *camera_sections(found.camera),
             *_lens(found),
             phase_section((found.reference, found.strips_capture)),
+            *repeats_section(found.repeats),
             doctor_section(found.examined),
             strips_section(found, residuals),
             rig_section(found, residuals),
             angle_section(angles_of(found)),
+            *verified_sections(found.verified),
             budgets_section(found),
             advice_section(found),
+            *((history,) if history else ()),
         ),
         inputs=_inputs(found),
         versions=software_versions(),
@@ -88,7 +99,7 @@ def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
         f"One rig model explains plate and strips to {found.fit.rms_rad:.3f} rad; the strips' fringe order was decided."
     )
     head = f"Not within its limit: {', '.join(failed)}." if failed else residual
-    return f"{head} {found.angle_sentence}"
+    return " ".join((head, found.angle_sentence, *(one.errors.sentence for one in found.verified.bars)))
 
 
 def _facts(found: Commissioning) -> tuple[Fact, ...]:
@@ -117,11 +128,20 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
 
 def _inputs(found: Commissioning) -> tuple[InputFile, ...]:
     """List every file of the session that is not a picture, then the pictures that were used."""
-    used = (found.camera.capture, found.reference.capture, found.strips_capture.capture)
+    verified = (*found.verified.bars, *found.verified.artefacts)
+    used = dict.fromkeys(
+        capture.name
+        for capture in (
+            found.camera.capture,
+            found.reference.capture,
+            found.strips_capture.capture,
+            *(one.capture for one in verified),
+        )
+    )
     pictures = {path for capture in found.session.captures.values() for path in capture.paths}
     others = tuple(
         InputFile("session", name, digest)
         for name, digest in found.session.inputs.items()
         if found.session.folder / name not in pictures
     )
-    return (*others, *(file for capture in used for file in inputs_of_capture(capture)))
+    return (*others, *(file for name in used for file in inputs_of_capture(found.session.captures[name])))

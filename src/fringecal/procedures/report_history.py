@@ -52,6 +52,29 @@ def history_report(
     )
 
 
+def history_section(reviews: Sequence[Review]) -> Section:
+    """Return the history's part of another report: its quantities over time, this record's value the last.
+
+    Quantities of one record only are in the table alone: a single value is no history.
+    """
+    shown = [review for review in reviews if len(review.series.values) > 1]
+    figures = tuple(
+        FigureItem(
+            f"History of {review.series.quantity}",
+            control_charts(review) if review.charts else drift_figure(review),
+            f"{len(review.series.values)} records of {review.series.quantity}"
+            + (f"; beyond the limits: {_signals(review)}." if review.charts else ", too few for control limits."),
+        )
+        for review in shown
+    )
+    verdict = history_verdict(reviews).sentence if shown else "This is the rig's first record of these quantities."
+    return Section("History", (verdict,), _summary(reviews).tables, figures, side_by_side=True)
+
+
+def _signals(review: Review) -> str:
+    return "; ".join(f"{chart.kind} {len(chart.signals)}" for chart in review.charts)
+
+
 def history_verdict(reviews: Sequence[Review]) -> Verdict:
     """Say whether any chart is in alarm at its last value; a chart warns, it does not judge a tolerance."""
     charted = [review for review in reviews if review.charts]
@@ -120,8 +143,7 @@ def _quantity(review: Review) -> Section:
         )
     ]
     if review.charts:
-        signals = "; ".join(f"{chart.kind} {len(chart.signals)}" for chart in review.charts)
-        alt = f"Four control charts of {name}; values beyond the limits: {signals}."
+        alt = f"Four control charts of {name}; values beyond the limits: {_signals(review)}."
         figures.append(FigureItem(f"Control charts of {name}", control_charts(review), alt))
     notes = (f"{note[0].upper()}{note[1:]}." for note in review.notes)
     return Section(name, (*sentences, *notes), (), tuple(figures))

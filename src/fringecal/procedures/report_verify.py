@@ -68,7 +68,7 @@ def verification_report(
     command, created, limits
         As for `commission_report`.
     """
-    sections = [errors_section(found.errors), _profiles_section(found.errors), _models_section(found)]
+    sections = [errors_section(found.errors), profiles_section(found.errors), _models_section(found)]
     if found.filters:
         sections.append(_filters_section(found))
     return Report(
@@ -76,7 +76,7 @@ def verification_report(
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
         verdict=replace(verdict_of(found.errors), decision=severest(verification_checks(found, limits))),
         facts=_facts(found),
-        sections=(*sections, _surface_section(found), phase_section((found.phase,)), doctor_section((found.examined,))),
+        sections=(*sections, surface_section(found), phase_section((found.phase,)), doctor_section((found.examined,))),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),
         command=command,
@@ -191,7 +191,8 @@ def _terms_table(errors: ZigzagErrors) -> Table:
     )
 
 
-def _profiles_section(errors: ZigzagErrors) -> Section:
+def profiles_section(errors: ZigzagErrors) -> Section:
+    """Draw every profile: measured and reference height, and their difference with its band."""
     items = tuple(
         _profile_figure(errors, curve, profile) for curve, profile in zip(errors.curves, errors.profiles, strict=True)
     )
@@ -275,7 +276,8 @@ def _filters_section(found: Verification) -> Section:
     return Section("Filters", (sentence,), (table,), (item,))
 
 
-def _surface_section(found: Verification) -> Section:
+def surface_section(found: Verification) -> Section:
+    """Show heights, their errors on the bars, and the surface to be turned."""
     surface, errors = found.surface, found.errors
     low, high = float(np.nanmin(surface.z)), float(np.nanmax(surface.z))
     seen = f"{100 * float(np.mean(surface.mask)):.1f} % of the picture has a height"

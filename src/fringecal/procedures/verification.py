@@ -51,6 +51,7 @@ def verify(
     *,
     rows_px: tuple[int, ...] | None = None,
     with_filters: bool = True,
+    with_models: bool = True,
     progress: Progress = lambda _: None,
 ) -> Verification:
     """Measure a zig-zag and compare it with its certificate along profiles.
@@ -65,6 +66,8 @@ def verify(
         Rows of the profiles; by default the thesis's A..E, or five spread over the bars.
     with_filters
         Also judge every combination of median and mean filtering before and after the phase.
+    with_models
+        Also read the same phase by the simpler height models.
 
     Raises
     ------
@@ -87,9 +90,10 @@ def verify(
     progress("registering the zig-zag")
     pose = register_zigzag(surface, target)
     errors = zigzag_errors(surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities)
-    progress("height models side by side")
     models = {"projective": errors}
-    for name in HEIGHT_MODELS[:-1]:
+    if with_models:
+        progress("height models side by side")
+    for name in HEIGHT_MODELS[:-1] if with_models else ():
         other = height_of_phase(absolute, calibration, model=name)
         models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
     filters: tuple[FilterResult, ...] = ()

@@ -27,6 +27,9 @@ class CommissionLimits(_Table):
     angle_u_deg: Limit = 0.5
     angle_en: Limit = 1.0
     height_en: Limit = 1.0
+    noise_ratio: Limit = 1.5
+    plate_form_mm: Limit = 0.05
+    frames_rad: Limit = 0.10
 
 
 class VerifyLimits(_Table):

@@ -95,8 +95,8 @@ class BudgetRow(Part):
 class Check(Part):
     """A named check: what was found, what was allowed, and the decision with its rule.
 
-    `value` is null where nothing could be measured and `limit` where none applies; such a
-    check can only inform, so its decision is ``"info"``.
+    `limit` is null where none applies; such a check can only inform, so its decision is ``"info"``. `value` is
+    null where nothing could be measured: that informs, or fails where it should have been possible.
     """
 
     name: str
