@@ -96,7 +96,7 @@ class History:
 
 def readings_of(entry: Entry) -> pd.DataFrame:
     """Tabulate one entry's readings as `History.readings` does, before it is appended or without."""
-    row = asdict(entry)
+    row = asdict(entry) | {"appended": None}
     ours = {name: row[name] for name in ENTRY_COLUMNS if name != "decision"} | {"verdict": row["decision"]}
     columns = [*ours, *READING_COLUMNS]
     return pd.DataFrame(

@@ -111,10 +111,7 @@ class Commissioning:
         ]
         further = (note for artefact in self.further for note in artefact.notes)
         moved = () if self.displacement is None or self.displacement.agrees else (self.displacement.sentence(),)
-        bars = (f"{one.capture.name}: {one.errors.sentence}" for one in self.verified.bars)
-        artefacts = (f"{one.capture.name}: {one.sentence}" for one in self.verified.artefacts)
-        failed = (f"{name}: not verified: {reason}" for name, reason in self.verified.failures)
-        rest = (*self.contradictions, *moved, self.angle_sentence, *bars, *artefacts, *failed)
+        rest = (*self.contradictions, *moved, self.angle_sentence, *self.verified.sentences)
         return (*orders, *self.camera.notes, *further, *rest)
 
     @cached_property

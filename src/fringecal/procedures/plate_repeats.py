@@ -34,7 +34,7 @@ class PlateRepeats:
         Rms of what is the same in all repeats and in no model, as a height at the origin: the plate's form, finer
         than the smooth residual that the model takes up.
     shift_rad
-        Median phase of each repeat against the mean of all, (sets,).
+        Mean phase of each repeat against the mean of all, (sets,).
     """
 
     sets: int
@@ -72,7 +72,7 @@ def plate_repeats(reference: CapturePhase, plate_phase_rad: Array, calibration: 
         one = reference.again(capture.read_set(repeat=number, period=shortest_period(capture)))
         valid &= one.valid
         difference = np.angle(np.exp(1j * (one.phase - middle.phase).astype(np.float64)))
-        shift.append(float(np.median(difference[one.valid])) if one.valid.any() else 0.0)
+        shift.append(float(difference[valid].mean()) if valid.any() else 0.0)
         off.append(difference - shift[-1])
         sigma.append(one.sigma.astype(np.float64) ** 2)
     blocks = _Blocks(valid)

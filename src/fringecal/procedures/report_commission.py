@@ -99,7 +99,7 @@ def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
         f"One rig model explains plate and strips to {found.fit.rms_rad:.3f} rad; the strips' fringe order was decided."
     )
     head = f"Not within its limit: {', '.join(failed)}." if failed else residual
-    return " ".join((head, found.angle_sentence, *(one.errors.sentence for one in found.verified.bars)))
+    return " ".join((head, found.angle_sentence, *found.verified.sentences))
 
 
 def _facts(found: Commissioning) -> tuple[Fact, ...]:
@@ -128,14 +128,14 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
 
 def _inputs(found: Commissioning) -> tuple[InputFile, ...]:
     """List every file of the session that is not a picture, then the pictures that were used."""
-    verified = (*found.verified.bars, *found.verified.artefacts)
+    verified = (*(one.capture for one in found.verified.bars), *(one.capture for one in found.verified.artefacts))
     used = dict.fromkeys(
         capture.name
         for capture in (
             found.camera.capture,
             found.reference.capture,
             found.strips_capture.capture,
-            *(one.capture for one in verified),
+            *verified,
         )
     )
     pictures = {path for capture in found.session.captures.values() for path in capture.paths}

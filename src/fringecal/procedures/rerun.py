@@ -229,7 +229,18 @@ def _compared(one: Record, written: Record) -> dict[str, Any]:
     """Give what is compared: all but the making, and nothing that an older version did not write."""
     document = one.model_dump(mode="json", exclude=_OF_THE_MAKING | {"inputs"})
     absent = {name for name in _SILENT if getattr(written, name, None) in (None, ())}
+    document["checks"] = _checks(one, written)
     return {name: value for name, value in document.items() if name not in absent}
+
+
+def _checks(one: Record, written: Record) -> dict[str, dict[str, Any]]:
+    """Give the checks that the record holds, by name: a newer version may judge more, and state more of each."""
+    known = {check.name: check for check in written.checks}
+    return {
+        check.name: check.model_dump(mode="json", exclude={"name", "rule", "expanded"})
+        for check in one.checks
+        if check.name in known
+    }
 
 
 def differences(then: Any, now: Any, place: str = "", u: float | None = None) -> Iterator[Difference]:

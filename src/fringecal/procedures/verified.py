@@ -9,6 +9,7 @@ from fringecal.procedures.verification import VERIFIED, Verification, verify
 from fringecal.projection.calibration import RigCalibration
 from fringecal.session import Capture, Session
 from fringecal.targets.models import Zigzag
+from fringecal.verify.errors import ZigzagErrors
 
 Progress = Callable[[str], None]
 
@@ -28,6 +29,23 @@ class Verified:
     bars: tuple[Verification, ...] = ()
     artefacts: tuple[ArtefactVerification, ...] = ()
     failures: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """Say of each artefact what came out, or why nothing did."""
+        bars = (f"{one.capture.name}: {_bars_sentence(one.errors)}" for one in self.bars)
+        artefacts = (f"{one.capture.name}: {one.sentence}" for one in self.artefacts)
+        failed = (f"{name}: not verified: {reason}" for name, reason in self.failures)
+        return (*bars, *artefacts, *failed)
+
+
+def _bars_sentence(errors: ZigzagErrors) -> str:
+    ens = [abs(p.en) for p in (*errors.profiles, errors.pooled) if p.en is not None]
+    pooled = errors.pooled
+    head = f"mean error {pooled.mean_percent:+z.3f} %, largest {pooled.max_percent:.2f} % of the full height"
+    if not ens:
+        return f"{head}; without uncertainties there is nothing to judge by."
+    return f"{head}; largest |En| {max(ens):.2f}. {errors.sentence}"
 
 
 def verify_session(session: Session, calibration: RigCalibration, *, progress: Progress = lambda _: None) -> Verified:

@@ -146,7 +146,8 @@ class CaptureSpec(_Part):
 
     `direction` says along what ridges or strips run: the columns of the picture (along y) or its rows;
     `rotation_deg` is added to it. `object` without a target is the pleated leaf. `dirt` counts dark
-    specks of 0.2 to 1 mm radius on a printed sheet.
+    specks of 0.2 to 1 mm radius on a printed sheet. `repeat` takes the whole set so often, each time with
+    noise and flicker of its own.
     """
 
     name: str
@@ -157,6 +158,13 @@ class CaptureSpec(_Part):
     direction: Literal["columns", "rows"] = "columns"
     rotation_deg: FiniteFloat = 0.0
     dirt: Annotated[int, Field(ge=0)] = 0
+    repeat: Annotated[int, Field(ge=1)] = 1
+
+    @model_validator(mode="after")
+    def _only_sets_are_repeated(self) -> "CaptureSpec":
+        if self.repeat > 1 and self.kind in ("grid", "board"):
+            raise ValueError(f"repeat = {self.repeat}: a capture of kind {self.kind!r} is one picture")
+        return self
 
 
 class RigSpec(_Part):

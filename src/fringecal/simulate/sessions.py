@@ -3,7 +3,7 @@
 import json
 import zlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -19,6 +19,7 @@ from fringecal.targets import Target
 
 # Virtual sessions are taken at one moment, so that the same seed gives the same bytes.
 CAPTURED = datetime(2008, 1, 1, 12, tzinfo=UTC)
+REPEAT_SEED = 1_000_003  # between repeats: far from the seeds that people give
 STATED_STREAM = zlib.crc32(b"stated")
 
 type Progress = Callable[[str], None]
@@ -89,7 +90,7 @@ def simulate_session(
     for capture in chosen:
         progress(capture.name)
         target = (targets or {}).get(capture.name) or stated_target(capture)
-        taken[capture.name] = take(_stepped(rig, (steps or {}).get(capture.name)), capture, target, seed=seed)
+        taken[capture.name] = _repeated(_stepped(rig, (steps or {}).get(capture.name)), capture, target, seed=seed)
     frames = {
         name: frame
         for capture in chosen
@@ -111,6 +112,13 @@ def take(rig: RigSpec, capture: CaptureSpec, target: Target | None = None, *, se
     scene = capture_scene(rig, capture, target or stated_target(capture))
     stream_seed = (seed, zlib.crc32(capture.name.encode()))
     return render(rig, scene, seed=stream_seed, light="room" if by_room_light else "fringes")
+
+
+def _repeated(rig: RigSpec, capture: CaptureSpec, target: Target | None, *, seed: int) -> Frames:
+    """Take a capture as often as it asks for; the first set is the one that it would be alone, and so is its truth."""
+    first = take(rig, capture, target, seed=seed)
+    sets = [take(rig, capture, target, seed=seed + REPEAT_SEED * k).frames for k in range(1, capture.repeat)]
+    return replace(first, frames=np.concatenate([first.frames, *sets])) if sets else first
 
 
 def session_document(rig: RigSpec, captures: Iterable[CaptureSpec], *, seed: int = 0) -> dict[str, Any]:
@@ -142,13 +150,18 @@ def _capture_table(rig: RigSpec, capture: CaptureSpec) -> dict[str, Any]:
         table["target"] = _target_file(capture) if isinstance(capture.target, dict) else capture.target
     if capture.use is not None:
         table["use"] = capture.use
+    if capture.repeat > 1:
+        table["repeat"] = capture.repeat
     return table | {"images": _file_names(rig, capture)}
 
 
 def _file_names(rig: RigSpec, capture: CaptureSpec) -> list[str]:
     if capture.kind in ("grid", "board"):
         return [f"{capture.name}.png"]
-    return [f"{capture.name}-{n}.png" for n in range(len(rig.steps.nominal_deg))]
+    steps = range(len(rig.steps.nominal_deg))
+    if capture.repeat < 2:
+        return [f"{capture.name}-{n}.png" for n in steps]
+    return [f"{capture.name}-r{number}-{n}.png" for number in range(capture.repeat) for n in steps]
 
 
 def _target_file(capture: CaptureSpec) -> str:
