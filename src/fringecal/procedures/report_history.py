@@ -67,9 +67,7 @@ def history_section(reviews: Sequence[Review]) -> Section:
         )
         for review in shown
     )
-    verdict = (
-        history_verdict(reviews).sentence if shown else "This is the first session of the rig with these quantities."
-    )
+    verdict = history_verdict(reviews).sentence if shown else "No other session of the rig holds these quantities."
     return Section("History", (verdict,), _summary(reviews).tables, figures, side_by_side=True)
 
 
