@@ -4,6 +4,7 @@ import io
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -14,7 +15,18 @@ from fringecal.simulate.sessions import take
 
 OUT = Path(__file__).parents[1] / "procedures" / "pictures"
 SMALL = {"width_px": 360, "height_px": 280, "scale_mm_per_px": 1.2}
-COLOURS = 96  # of a picture in the repository: it stays below 60 kB
+COLOURS = 64  # of a picture in the repository: few enough for a small file
+SMALL_SHEET = {
+    "format": 1,
+    "kind": "line-grid",
+    "name": "a small sheet",
+    "certificate": "drawn",
+    "polarity": "dark",
+    "pitch_mm": {"value": 10.0, "u": 0.006},
+    "line_width_mm": {"value": 0.9, "u": 0.1},
+    "lines": [20, 16],
+}
+DPI, GAP_PX, TITLE_PX = 80, 8, 24
 
 
 def small(**sections: object) -> RigSpec:
@@ -29,14 +41,20 @@ def frame(rig: RigSpec, name: str, **changes: object) -> np.ndarray:
     return take(rig, capture, seed=1).frames[0]
 
 
-def pictures(*shown: tuple[str, np.ndarray, bool]) -> Figure:
-    """Pictures side by side, each with its title and whether it is good."""
-    figure = Figure(figsize=(3.1 * len(shown), 2.9), layout="constrained")
-    for place, (title, grey, good) in enumerate(shown, start=1):
-        axes = figure.add_subplot(1, len(shown), place)
-        axes.imshow(grey, cmap="gray", vmin=0, vmax=255)
+def pictures(*shown: tuple[str, np.ndarray, bool], columns: int = 2) -> Figure:
+    """Pictures in rows, pixel by pixel, each with its title and whether it is good."""
+    height, width = shown[0][1].shape
+    rows = -(-len(shown) // columns)
+    across, down = columns * (width + GAP_PX) + GAP_PX, rows * (height + TITLE_PX + GAP_PX)
+    figure = Figure(figsize=(across / DPI, down / DPI))
+    for place, (title, grey, good) in enumerate(shown):
+        row, column = divmod(place, columns)
+        left, top = GAP_PX + column * (width + GAP_PX), TITLE_PX + row * (height + TITLE_PX + GAP_PX)
+        # Not drawn by matplotlib's axes of any other size: lines and fringes would beat with the pixels.
+        axes = figure.add_axes((left / across, 1 - (top + height) / down, width / across, height / down))
+        axes.imshow(grey, cmap="gray", vmin=0, vmax=255, interpolation="none")
         colour = GREEN if good else ORANGE
-        axes.set_title(f"{'good' if good else 'bad'}: {title}", color=colour, fontweight="bold", fontsize=9)
+        axes.set_title(f"{'good' if good else 'bad'}: {title}", color=colour, fontweight="bold", fontsize=10)
         axes.set_xticks([])
         axes.set_yticks([])
         for spine in axes.spines.values():
@@ -52,9 +70,10 @@ def scale_and_distortion() -> Figure:
     v, u = np.indices(sheet.shape)
     glare = 255 * np.exp(-((u - 250) ** 2 + (v - 90) ** 2) / 60**2)
     return pictures(
-        ("lines straight to the edge", sheet, True),
-        ("the lens bends them", frame(bent, "grid"), False),
-        ("glare hides them", np.minimum(sheet + glare, 255), False),
+        ("lines to the edge, sharp and evenly lit", sheet, True),
+        ("bent by the lens, which the camera model takes out", frame(bent, "grid"), True),
+        ("glare hides the lines", np.minimum(sheet + glare, 255), False),
+        ("the sheet leaves half of the picture free", frame(rig, "grid", target=SMALL_SHEET), False),
     )
 
 
@@ -63,9 +82,9 @@ def commissioning() -> Figure:
     rig = small()
     bright = small(light=rig.light.model_dump() | {"mid_grey": 0.85})
     return pictures(
-        ("grid", frame(rig, "grid"), True),
-        ("bare plate", frame(rig, "reference"), True),
-        ("fringes break at the strips", frame(rig, "strips"), True),
+        ("1 grid, by room light", frame(rig, "grid"), True),
+        ("2 bare plate, evenly lit fringes", frame(rig, "reference"), True),
+        ("3 strips: fringes break at them", frame(rig, "strips"), True),
         ("fringes touch white", frame(bright, "strips"), False),
     )
 
@@ -74,20 +93,22 @@ def commissioning() -> Figure:
 def projection_angle() -> Figure:
     rig = small(projector={"pitch_mm": 16.0})
     fine = small(projector={"pitch_mm": 5.0})
+    lit = rig.at(light=rig.light.model_dump() | {"mid_grey": 0.6, "ambient": 6.0})
     return pictures(
         ("strips across the fringes", frame(rig, "strips"), True),
         ("strips along the fringes", frame(rig, "strips", direction="rows"), False),
         ("fringes below 6 px", frame(fine, "strips"), False),
+        ("room light: weak fringes", frame(lit, "strips"), False),
     )
 
 
 @styled
 def verification_on_angle_bars() -> Figure:
     rig = small()
-    steep = rig.at(projector={"position_mm": (0.0, 1900.0, 700.0)})
+    dim = rig.at(light=rig.light.model_dump() | {"mid_grey": 0.14, "ambient": 0.03})
     return pictures(
-        ("ridges along the shift", frame(rig, "bars"), True),
-        ("one flank in the shadow of the next", frame(steep, "bars", direction="rows"), False),
+        ("ridges from top to bottom, towards the lamp", frame(rig, "bars"), True),
+        ("ridges across the light: far flanks in shadow", frame(dim, "bars", direction="rows"), False),
     )
 
 
@@ -115,16 +136,16 @@ def periodic_audit() -> Figure:
         "lamp 20 mm higher": rig.at(projector={"position_mm": (0.0, 1222.0, 1020.0)}),
         "slide's pitch 0.5 % larger": rig.at(projector={"pitch_mm": 8.04}),
     }
-    figure = Figure(figsize=(12.4, 3.0), layout="constrained")
+    figure = Figure(figsize=(9.4, 6.6), layout="constrained")
     for place, (title, after) in enumerate(moves.items(), start=1):
         change = take(after, after.capture_named("reference"), seed=1).phase - still
         change -= change[change.shape[0] // 2, change.shape[1] // 2]
-        axes = figure.add_subplot(1, len(moves), place)
+        axes = figure.add_subplot(2, 2, place)
         largest = float(np.abs(change).max())
         image = axes.imshow(change, cmap="RdBu_r", vmin=-largest, vmax=largest)
-        bar = figure.colorbar(image, ax=axes, shrink=0.8)
+        bar = figure.colorbar(image, ax=axes)
         bar.set_label("change of phase / rad")
-        axes.set_title(title, fontsize=9)
+        axes.set_title(title)
         axes.set_xticks([])
         axes.set_yticks([])
     return figure
@@ -182,6 +203,19 @@ def when_a_check_fails() -> Figure:
     return figure
 
 
+def reduced(picture: Image.Image) -> Image.Image:
+    """Few colours; a picture that is nearly all grey keeps true greys, beside the two colours of the frames."""
+    rgb = np.asarray(picture, dtype=int)
+    if np.mean(np.ptp(rgb, axis=-1) < 8) < 0.9 or np.mean(rgb.min(axis=-1) > 250) > 0.5:
+        return picture.quantize(COLOURS, dither=Image.Dither.NONE)
+    shares = np.linspace(0, 1, 8)[:, None]
+    tints = [255 + shares * (255 * np.array(to_rgb(colour)) - 255) for colour in (GREEN, ORANGE)]
+    greys = np.repeat(np.linspace(0, 255, 56)[:, None], 3, axis=1)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(np.rint(np.vstack([greys, *tints])).astype(np.uint8).tobytes())
+    return picture.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
 def main() -> None:
     OUT.mkdir(exist_ok=True)
     for draw in (
@@ -189,8 +223,8 @@ def main() -> None:
         periodic_audit, choosing_pitch_and_angle, when_a_check_fails,
     ):  # fmt: skip
         stream = io.BytesIO()
-        draw().savefig(stream, format="png", dpi=80, metadata={"Software": None})
-        picture = Image.open(stream).convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+        draw().savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
+        picture = reduced(Image.open(stream).convert("RGB"))
         picture.save(OUT / f"{draw.__name__.replace('_', '-')}.png", optimize=True)
 
 

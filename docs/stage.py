@@ -19,19 +19,23 @@ PATTERNS = (
     *("docs/*.md", "docs/*.toml", "docs/images/*", "procedures/**/*", "targets/*"),
 )
 
+COMMANDS = """# Commands
+
+Every verb with its arguments and options, as `--help` shows them; this page is made from the program itself.
+`fringecal --version` prints the version, `fringecal VERB --help` (or `-h`) what stands here.
+
+| exit code | |
+|---|---|
+| 0 | pass, or conditional: nothing fails |
+| 1 | error: the job could not be done; the message says what was found, what was needed and what to do |
+| 2 | usage: an unknown verb or option, or a value that it cannot take |
+| 3 | done, and out of tolerance: a check fails, the doctor finds a fault, a chart is in alarm, a rerun differs |
+"""
+
 
 def main() -> None:
     shutil.rmtree(PAGES, ignore_errors=True)
-    for pattern in (
-        "README.md",
-        "CHANGELOG.md",
-        "LICENSE",
-        "docs/*.md",
-        "docs/*.toml",
-        "docs/images/*",
-        "procedures/**/*",
-        "targets/*",
-    ):
+    for pattern in PATTERNS:
         for file in filter(Path.is_file, ROOT.glob(pattern)):
             place = PAGES / file.relative_to(ROOT)
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -64,24 +68,22 @@ def room_page(room: Path) -> str:
 def commands_page() -> str:
     """The help of every verb, as the command prints it."""
     group = typer.main.get_command(build_app())
-    parts = ["# Commands\n\nExit codes: 0 pass, 1 error, 2 usage, 3 out of tolerance.\n"]
+    parts = [COMMANDS]
     for verb in VERBS:
         command = group.commands[verb]
         for name, one in getattr(command, "commands", {"": command}).items():
             words = f"fringecal {verb} {name}".strip()
             context = typer.Context(one, info_name=words, max_content_width=100)
-            told = "\n\n".join((one.get_usage(context), (one.help or "").strip(), options_of(one)))
+            said = (one.help, one.epilog, options_of(one, context))
+            told = "\n\n".join([one.get_usage(context), *(text.strip() for text in said if text)])
             parts.append(f"## {words}\n\n```text\n{told}\n```\n")
     return "\n".join(parts)
 
 
-def options_of(command: object) -> str:
-    """One line per option and argument."""
-    rows = [
-        (" ".join(p.opts) if p.param_type_name == "option" else str(p.name).upper(), getattr(p, "help", "") or "")
-        for p in command.params
-    ]
-    return "\n".join(f"{name:24s} {' '.join(text.split())}" for name, text in rows)
+def options_of(command: typer.core.TyperCommand, context: typer.Context) -> str:
+    """One line per argument and option, with what it takes, its default, and whether it is needed."""
+    rows = [one.get_help_record(context) for one in command.params]
+    return "\n".join(f"{name:32s} {' '.join(text.split())}" for name, text in rows)
 
 
 if __name__ == "__main__":

@@ -124,7 +124,8 @@ def compare(
     yield "scale", found.camera.scales["mean"], (truth.scale_h + truth.scale_v) / 2
     yield "angle at the origin", found.angle, truth.angle_origin_deg
     # Frames whose first step is off show all phases off alike, an object's as the plate's: it is not an error.
-    offset = float(np.nanmean(found.plate_phase_rad - taken.captures["reference"].phase))
+    plate = next(capture.name for capture in drawn.spec.capture if capture.kind == "reference")
+    offset = float(np.nanmean(found.plate_phase_rad - taken.captures[plate].phase))
     for z in heights_mm:
         for place, share in PLACES.items():
             yield f"{z:g} mm, {place}", _height(found.calibration, drawn.spec, share, z, offset), z
