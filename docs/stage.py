@@ -4,6 +4,7 @@ The pages keep their places, so that their links hold on the site as they do in 
 its modules for the reference, and one shows the help of every verb.
 """
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -74,16 +75,22 @@ def commands_page() -> str:
         for name, one in getattr(command, "commands", {"": command}).items():
             words = f"fringecal {verb} {name}".strip()
             context = typer.Context(one, info_name=words, max_content_width=100)
-            said = (one.help, one.epilog, options_of(one, context))
-            told = "\n\n".join([one.get_usage(context), *(text.strip() for text in said if text)])
-            parts.append(f"## {words}\n\n```text\n{told}\n```\n")
+            told = "\n\n".join(filter(None, (one.help, one.epilog)))
+            parts.append(f"## {words}\n\n{as_page(told)}\n\n{options_of(one, context)}\n")
     return "\n".join(parts)
 
 
+def as_page(text: str) -> str:
+    """Help in paragraphs, its examples as commands."""
+    return re.sub(r"^ *Example: (.+)$", r"```sh\n\1\n```", text.strip(), flags=re.MULTILINE)
+
+
 def options_of(command: typer.core.TyperCommand, context: typer.Context) -> str:
-    """One line per argument and option, with what it takes, its default, and whether it is needed."""
+    """A table of arguments and options: what each takes, its default, and whether it is needed."""
     rows = [one.get_help_record(context) for one in command.params]
-    return "\n".join(f"{name:32s} {' '.join(text.split())}" for name, text in rows)
+    return "\n".join(
+        ("| argument or option | |", "|---|---|", *(f"| `{name}` | {' '.join(text.split())} |" for name, text in rows))
+    )
 
 
 if __name__ == "__main__":
