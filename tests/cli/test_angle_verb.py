@@ -2,8 +2,12 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 
 import pytest
+
+from fringecal.cli.angle import _table
+from fringecal.uncertainty.estimates import Estimate
 
 
 @pytest.fixture
@@ -69,3 +73,18 @@ def test_an_unknown_estimator_is_a_matter_of_usage(run, two_pictures):
     outcome = run("angle", two_pictures, "--estimator", "spline")
     assert outcome.code == 2
     assert "skeleton" in outcome.stderr
+
+
+def test_columns_that_would_be_empty_are_left_out():
+    """Without a stated lamp there is no theory to print, and no En."""
+    angle, lamp = Estimate(44.1, 0.06, "deg"), Estimate(44.09, 0.05, "deg")
+    with_lamp, without = (set(headings_of(angle, theory)) for theory in (lamp, None))
+    assert with_lamp - without == {"theory/deg", "En"}
+    assert "apparent/deg" in without
+
+
+def headings_of(angle, theory):
+    at = {"axis": "u", "x_mm": 1.0, "breaks": 70, "shift_px": 5.8, "apparent_deg": 44.2}
+    row = SimpleNamespace(**at, angle=angle, theory=theory, en=None if theory is None else 0.1)
+    found = SimpleNamespace(estimator="ridge", angle=angle, apparent=angle, theory=theory, columns=(row,), rows=())
+    return [column.header for column in _table(found).columns]

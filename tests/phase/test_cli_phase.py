@@ -1,6 +1,7 @@
 """The verb on real sessions and on wrong input; what it writes and what it says."""
 
 import json
+import re
 
 import cv2
 import numpy as np
@@ -62,6 +63,11 @@ def test_table_for_people(lens):
     assert result.exit_code == 0
     # Published: 0, 90.4, 180.3, 270.1 deg; a difference to the stated steps that is known to 0.05 deg is said.
     assert "lens" in result.stdout
+    # At 80 columns no heading is broken within a word.
+    assert all(
+        re.search(rf"\b{word}", result.stdout)
+        for word in ("masked because", "levels", r"u\(phase\)", "period", "steps found")
+    )
     assert "differ from the stated 0, 90, 180, 270 deg" in result.stdout
 
 

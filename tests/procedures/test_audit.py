@@ -252,6 +252,7 @@ def test_pictures_of_the_calibration_itself_say_nothing_of_time(in_force, unchan
     found = in_force.audited(taken(small_rig(), tmp_path / "again", 1, captures=("grid",)))
     assert found.reused == ("grid",)
     assert audit_sentence(found).startswith("The pictures of grid are the calibration's own")
+    assert "The rig is as calibrated" not in audit_sentence(found)
     first, *_ = audit_checks(found)
     assert (first.value, first.limit, first.decision) == (1, 0, "conditionalPass")
     (tmp_path / "calibration.json").write_text("{}")

@@ -30,7 +30,8 @@ def reuse_sentence(found: Audit) -> str:
 def change_sentence(found: Audit) -> str:
     """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
     if not found.changed:
-        return f"The rig is as calibrated: what differs is chance (probability {found.probability:.2g})."
+        head = "What differs" if found.reused else "The rig is as calibrated: what differs"
+        return f"{head} is chance (probability {found.probability:.2g})."
     small = found.probability < _TOO_SMALL
     chance = f"below {_TOO_SMALL:.0e}" if small else f"{found.probability:.1g}"
     head = f"The rig has changed since its calibration (probability of chance {chance})."

@@ -85,7 +85,10 @@ def angle_section(found: AngleFindings) -> Section:
     for rows, name, place in ((found.columns, "column", "x"), (found.rows, "row", "y")):
         if rows:
             line = f"on the line {'y' if place == 'x' else 'x'} = 0"
-            note = f"{line}; {_CONVENTION}; theory from the stated positions"
+            compared = (
+                "theory from the stated positions" if found.theory else "no theory: no position of the lamp stated"
+            )
+            note = f"{line}; {_CONVENTION}; {compared}"
             tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
             figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
     if not tables:
@@ -129,7 +132,8 @@ def _angle_figure(rows: tuple[ColumnAngle, ...], caption: str, label: str) -> Fi
         position_label=label,
     )
     low, high = (f(c.angle.value for c in rows) for f in (min, max))
-    alt = f"Projection angle against {label[0]}: from {low:.2f} to {high:.2f} deg, with 95 % bars, apparent and theory."
+    also = "apparent and theory" if theory else "and apparent"
+    alt = f"Projection angle against {label[0]}: from {low:.2f} to {high:.2f} deg, with 95 % bars, {also}."
     return FigureItem(caption, figure, alt)
 
 
@@ -164,7 +168,8 @@ def _by_strip(found: AngleFindings) -> Table:
 def _rig_section(found: AngleFindings) -> Section:
     """Draw the rig to scale, stated and measured, and the angle over the field."""
     field = angle_map(found.calibration)
-    table = Table("Projection angle over the field", field, _CONVENTION, dict.fromkeys(field.columns, ".3f"))
+    formats = dict.fromkeys(("x_mm", "y_mm"), ".1f") | {"apparent_deg": ".3f"}
+    table = Table("Projection angle over the field", field, _CONVENTION, formats, {"angle_deg": "u_deg"})
     figure = angle_field(found.calibration, field_mm(found.calibration), found.breaks)
     low, high = field["angle_deg"].min(), field["angle_deg"].max()
     alt = f"Lines of equal projection angle over the plate, {low:.1f} to {high:.1f} deg, and the breaks' places."

@@ -17,6 +17,7 @@ from fringecal.records.provenance import software_versions
 from fringecal.report.figures_audit import change_bars
 from fringecal.report.figures_rig import Pupil, rig_drawing
 from fringecal.report.structure import Decision, Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.uncertainty.rounding import doubt_text, value_text
 
 _NOTE = "U: expanded uncertainties, k = 2; U(difference) leaves out what both share; En = difference / U(difference)"
 _HEIGHTS = "Heights are what the second calibration reads where the first one reads the round value."
@@ -72,8 +73,8 @@ def _facts(compared: Sequence[Compared]) -> tuple[Fact, ...]:
     return tuple(
         Fact(
             f"Change of {c.name}",
-            f"{c.difference.value:+.2g} {c.difference.unit}",
-            f"U {COVERAGE * c.difference.u:.2g}, En {c.en:+.2f}",
+            f"{value_text(c.difference.value, COVERAGE * c.difference.u, sign=True)} {c.difference.unit}",
+            f"U {doubt_text(COVERAGE * c.difference.u)}, En {c.en:+.2f}",
         )
         for c in chosen
     )
