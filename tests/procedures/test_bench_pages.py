@@ -104,6 +104,9 @@ def test_the_list_of_pages_is_whole():
         ("grid residual", CommissionLimits().grid_residual_px),
         ("standard uncertainty of the apparent projection angle", CommissionLimits().angle_u_deg),
         ("angle against theory", CommissionLimits().angle_en),
+        ("noise of repeats over its prediction", CommissionLimits().noise_ratio),
+        ("plate form beyond the model, rms", CommissionLimits().plate_form_mm),
+        ("frames of a capture", CommissionLimits().frames_rad),
     ],
 )
 def test_limits_are_those_of_the_code(check, limit):
