@@ -1,4 +1,4 @@
-"""The report of a commissioning: verdict and headline numbers, then camera, phase, strips, rig, angle, budgets."""
+"""The report of a commissioning: verdict and headline numbers, camera, angle, rig, budgets, artefacts, phase."""
 
 import math
 from datetime import datetime
@@ -58,15 +58,15 @@ def commission_report(
             Section("Checks", (), (checks_table(checks),)),
             *camera_sections(found.camera),
             *_lens(found),
+            angle_section(angles_of(found)),
+            rig_section(found, residuals),
+            strips_section(found, residuals),
+            budgets_section(found),
+            advice_section(found),
+            *verified_sections(found.verified),
             phase_section((found.reference, found.strips_capture)),
             *repeats_section(found.repeats),
             doctor_section(found.examined),
-            strips_section(found, residuals),
-            rig_section(found, residuals),
-            angle_section(angles_of(found)),
-            *verified_sections(found.verified),
-            budgets_section(found),
-            advice_section(found),
             *((history,) if history else ()),
         ),
         inputs=_inputs(found),
