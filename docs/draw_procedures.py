@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.patches import Arc
 from PIL import Image
 
 from fringecal.report.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, styled
@@ -14,6 +15,7 @@ from fringecal.simulate.rig import CaptureSpec
 from fringecal.simulate.sessions import take
 
 OUT = Path(__file__).parents[1] / "procedures" / "pictures"
+IMAGES = Path(__file__).parent / "images"
 SMALL = {"width_px": 360, "height_px": 280, "scale_mm_per_px": 1.2}
 COLOURS = 64  # of a picture in the repository: few enough for a small file
 SMALL_SHEET = {
@@ -203,6 +205,42 @@ def when_a_check_fails() -> Figure:
     return figure
 
 
+@styled
+def plate_frame() -> Figure:
+    """The plate frame in the picture and from the side, with what a session states of camera and projector."""
+    figure = Figure(figsize=(9.4, 4.2), layout="constrained")
+    seen, side = figure.subplots(1, 2, width_ratios=(1, 1.15))
+    for y in np.arange(-160, 161, 16):
+        seen.axhspan(y, y + 8, color=GREY, alpha=0.25, linewidth=0)
+    arrow = {"arrowstyle": "-|>", "color": BLUE, "linewidth": 1.5}
+    for tip, name in (((110, 0), "x, as u"), ((0, 110), "y, against v")):
+        seen.annotate("", xy=tip, xytext=(0, 0), arrowprops=arrow)
+        seen.text(tip[0] + 4, tip[1] + 8, name, color=BLUE)
+    seen.plot(0, 0, "o", color=BLUE)
+    seen.text(6, -22, "origin: what the middle\nof the picture sees", color=INK, va="top")
+    seen.text(-215, 132, "pixel (0, 0)", color=INK)
+    seen.set(xlim=(-220, 220), ylim=(-160, 160), title="the picture, and the plate in it", xticks=[], yticks=[])
+    seen.set_aspect("equal")
+    camera, lamp = (0, 1500), (1222, 1000)
+    side.axhline(0, color=INK, linewidth=3)
+    side.text(-440, -110, "plate, z = 0", color=INK)
+    for place, name in ((camera, "camera: height_mm,\nentrance pupil"), (lamp, "projector:\nposition_mm")):
+        side.plot([0, place[0]], [0, place[1]], color=ORANGE if place is lamp else GREEN)
+        side.plot(*place, "s", color=INK)
+        side.text(place[0] + 40, place[1] + 40, name, color=INK)
+    side.plot([lamp[0], lamp[0]], [0, lamp[1]], color=GREY, linestyle=":")
+    side.text(lamp[0] + 30, 480, "z = 1000 mm", color=INK)
+    side.plot([0, lamp[0]], [-40, -40], color=GREY, linestyle=":")
+    side.text(500, -110, "y = 1222 mm", color=INK)
+    side.add_patch(Arc((0, 0), 900, 900, theta1=np.degrees(np.arctan2(lamp[1], lamp[0])), theta2=90, color=BLUE))
+    side.text(40, 560, "projection\nangle 50.7 deg", color=BLUE)
+    side.set(xlim=(-460, 1700), ylim=(-160, 1750), title="from the side (x toward the reader)", xticks=[], yticks=[])
+    side.set_aspect("equal")
+    for axes in (seen, side):
+        axes.spines[:].set_visible(axes is seen)
+    return figure
+
+
 def reduced(picture: Image.Image) -> Image.Image:
     """Few colours; a picture that is nearly all grey keeps true greys, beside the two colours of the frames."""
     rgb = np.asarray(picture, dtype=int)
@@ -220,12 +258,13 @@ def main() -> None:
     OUT.mkdir(exist_ok=True)
     for draw in (
         scale_and_distortion, commissioning, projection_angle, verification_on_angle_bars, measuring_an_object,
-        periodic_audit, choosing_pitch_and_angle, when_a_check_fails,
+        periodic_audit, choosing_pitch_and_angle, when_a_check_fails, plate_frame,
     ):  # fmt: skip
         stream = io.BytesIO()
         draw().savefig(stream, format="png", dpi=DPI, metadata={"Software": None})
         picture = reduced(Image.open(stream).convert("RGB"))
-        picture.save(OUT / f"{draw.__name__.replace('_', '-')}.png", optimize=True)
+        place = IMAGES if draw is plate_frame else OUT
+        picture.save(place / f"{draw.__name__.replace('_', '-')}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -47,6 +47,7 @@ def main() -> None:
     reference.mkdir()
     for room in sorted(path.parent for path in (ROOT / "src" / "fringecal").glob("*/__init__.py")):
         (reference / f"{room.name}.md").write_text(room_page(room), encoding="utf-8")
+    (reference / "errors.md").write_text("# errors\n\n::: fringecal.errors\n", encoding="utf-8")
     (reference / "commands.md").write_text(commands_page(), encoding="utf-8")
 
 

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from PIL import Image
 
 from fringecal.cli.app import build_app
 
@@ -54,7 +55,9 @@ SMALLER: dict[str, str] = {
         "fringecal study --rig my-rig.toml --rigs 2 --heights 5,15,30 --out study"
     ),
     "fringecal certificate --template lab.toml": "fringecal certificate --template lab-to-fill-in.toml",
-    "fringecal study --rigs 500 --seed 2008 --out study": "fringecal study --rigs 2 --seed 2008 --out study-of-rigs",
+    "fringecal study --rigs 500 --seed 2008 --out study": (  # rigs drawn at random: tests/procedures/test_study.py
+        "fringecal study --rig my-rig.toml --rigs 2 --heights 5,15,30 --out study"
+    ),
     "fringecal audit SESSION --calibration calibration/calibration.json --out audit": (
         "fringecal audit moved --calibration calibration --out audit-moved"
     ),
@@ -222,10 +225,11 @@ def prepare(folder: Path) -> None:
     """Lay out what a reader brings: a rig, board pictures, a set of two periods, the laboratory's own file."""
     shutil.copy(ROOT / "docs" / "tutorial-rig.toml", folder)
     shutil.copy(ROOT / "docs" / "tutorial-rig.toml", folder / "my-rig.toml")
-    for number, picture in enumerate(sorted((DATA / "opencv_chess_left").glob("*.jpg"))[:5]):
+    for number, picture in enumerate(sorted((DATA / "opencv_chess_left").glob("*.jpg"))[:4]):
         shutil.copy(picture, folder / f"board-{number}.jpg")
     for picture in (DATA / "kamino_object1").glob("pat0*.png"):
-        shutil.copy(picture, folder)
+        grey = Image.open(picture)
+        grey.crop((0, grey.height // 4, grey.width, 3 * grey.height // 4)).save(folder / picture.name)
     shutil.copy(DATA / "discorpy_grids" / "dot_pattern_05_crop.png", folder / "dots.png")
     page = (ROOT / "docs" / "certificate.md").read_text(encoding="utf-8")
     (folder / "lab.toml").write_text(re.search(r"```toml\n(.*?)```", page, flags=re.DOTALL)[1], encoding="utf-8")
