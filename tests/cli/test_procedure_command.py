@@ -51,6 +51,9 @@ def test_a_folder_is_walked_as_it_grows(run, small):
     assert outcome.code == 1
     expected = {"grid": "done", "reference": "done", "strips": "wrong", "artefact": "optional"}
     assert states(outcome.document) == expected
+    shown = run("procedure", "run", "commissioning", "--session", small).stdout
+    assert "5. [if you have it; bars: measured, not in the fit]" in shown
+    assert "3. [done: reference]" in shown
     # The bars are there, but stay out of the calibration until they are told to take part: then that step is done.
     file.write_text(whole.replace('name = "bars"', 'name = "bars"\nuse = "calibration"'))
     outcome = run("procedure", "run", "commissioning", "--session", small, "--json")

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.errors import FringecalError
-from fringecal.procedures.bench import Page, Walk, parse_page, walk
+from fringecal.procedures.bench import Page, StepState, Walk, parse_page, walk
 from fringecal.session import SessionCheck, check_session
 
 HELP = """Walk a written procedure: what is done, what is still missing in the session folder, what is wrong with it.
@@ -175,7 +175,7 @@ def _tell(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> 
     say(f"{found.page.title}: {found.page.purpose}")
     for step in found.steps:
         style = "bold red" if step.state in ("missing", "wrong") else ""
-        say(f"{step.number}. [{_SIGNS[step.state]}] {_ended(step.text, arguments)}", style)
+        say(f"{step.number}. [{_sign(step)}] {_ended(step.text, arguments)}", style)
         for fault in step.faults:
             say(f"     - {fault}", "red")
     for fault in found.faults:
@@ -192,6 +192,12 @@ def _tell(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> 
         )
     else:
         say(f"All is there: {_command(arguments)}", "bold")
+
+
+def _sign(step: StepState) -> str:
+    """Say how a step stands, and which captures say so."""
+    sign = ": ".join(filter(None, (_SIGNS[step.state], ", ".join(step.captures))))
+    return f"{sign}; {', '.join(step.beside)}: measured, not in the fit" if step.beside else sign
 
 
 def _ended(text: str, arguments: Sequence[str]) -> str:

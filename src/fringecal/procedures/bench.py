@@ -49,13 +49,18 @@ class Page:
 
 @dataclass(frozen=True)
 class StepState:
-    """One step, and what the folder shows of it; "by hand" leaves no trace in a folder."""
+    """One step, and what the folder shows of it; "by hand" leaves no trace in a folder.
+
+    `captures` are those of the step's kind that count for it, `beside` those that stay out of the calibration.
+    """
 
     number: int
     text: str
     state: State
     kind: str = ""
     faults: tuple[str, ...] = ()
+    captures: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -167,10 +172,10 @@ def _state(page: Page, number: int, check: SessionCheck, named: Mapping[str, tup
     kind = page.needs.get(number) or page.helps.get(number) or ""
     if not kind:
         return StepState(number, text, "by hand")
-    captures = [name for name, found in check.kinds if found == kind]
-    if number in page.takes_part:
-        captures = [name for name in captures if name in check.taking_part]
+    there = tuple(name for name, found in check.kinds if found == kind)
+    beside = tuple(name for name in there if number in page.takes_part and name not in check.taking_part)
+    captures = tuple(name for name in there if name not in beside)
     faults = tuple(fault for name in captures for fault in named[name])
     if not captures:
-        return StepState(number, text, "missing" if number in page.needs else "optional", kind)
-    return StepState(number, text, "wrong" if faults else "done", kind, faults)
+        return StepState(number, text, "missing" if number in page.needs else "optional", kind, beside=beside)
+    return StepState(number, text, "wrong" if faults else "done", kind, faults, captures, beside)
