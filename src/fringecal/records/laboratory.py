@@ -108,13 +108,9 @@ def _stated_only(table: Mapping[str, Any]) -> dict[str, Any]:
         elif isinstance(value, list) and value and all(isinstance(one, Mapping) for one in value):
             # A mark alone, such as signs = true, describes nobody.
             kept[key] = [one for one in map(_stated_only, value) if any(not isinstance(v, bool) for v in one.values())]
-        elif not _is_empty(value):
+        elif value not in ("", []):  # blanks are a slip, which is refused
             kept[key] = value
     return kept
-
-
-def _is_empty(value: Any) -> bool:
-    return value == [] or (isinstance(value, str) and not value.strip())
 
 
 # What ISO/IEC 17025:2017, 7.8.2.1 and 7.8.4.1, asks for and no record can know.
