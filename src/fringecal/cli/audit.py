@@ -91,10 +91,19 @@ def _others_table(checks: list["Check"]) -> Table:
     for heading in ("check", "value", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("check", "outcome") else "right")
     for check in checks:
-        kind = {"rig as calibrated": "p ", "captures with pictures of the calibration": ""}.get(check.name, "En ")
-        value, limit = ("" if one is None else f"{one:.3g}" for one in (check.value, check.limit))
-        table.add_row(check.name, f"{kind}{value}", limit, check.decision)
+        limit = "" if check.limit is None else f"{check.limit:g}"
+        table.add_row(check.name, _value(check), limit, check.decision)
     return table
+
+
+def _value(check: "Check") -> str:
+    """Print what was compared with the limit: an En, a chance, or a quantity with its unit."""
+    if check.value is None:
+        return ""
+    if check.rule.startswith("|En|"):
+        return f"En {check.value:+z.2f}"
+    chance = "p " if check.rule.startswith("chance") else ""
+    return f"{chance}{check.value:.3g} {check.unit}".rstrip()
 
 
 def _table(changes) -> Table:  # type: ignore[no-untyped-def]
