@@ -109,8 +109,21 @@ def test_an_artefact_that_cannot_be_measured_fails_and_stops_nothing(found):
     assert reason
     checks = verified_checks(verified)
     assert severest(checks) == "fail"
-    assert reason in checks[0].rule
+    assert checks[0].name == "bars: measured"
     assert severest(verified_checks(Verified())) == "info"
+
+
+def test_swapped_frames_of_an_artefact_are_named(found):
+    captures = dict(found.session.captures)
+    bars = captures["bars"]
+    swap = [1, 0, 2]
+    captures["bars"] = replace(
+        bars, paths=tuple(bars.paths[i] for i in swap), sha256=tuple(bars.sha256[i] for i in swap)
+    )
+    verified = verify_session(replace(found.session, captures=captures), found.calibration)
+    ((_, reason),) = verified.failures
+    assert "swapped frames" in reason
+    assert "check the order of the files" in reason
 
 
 def test_frames_that_are_well_pass(found):

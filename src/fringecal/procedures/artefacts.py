@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fringecal.errors import FringecalError
+from fringecal.procedures.causes import with_frames_causes
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.projection.calibration import RigCalibration
 from fringecal.reconstruct.height import HeightMap, absolute_phase, height_of_phase
@@ -68,14 +70,17 @@ def verify_artefact(
     assert target is not None
     progress(f"phase of {capture.name}")
     phase = phase_of_capture(capture, wave=calibration.wave)
-    progress(f"heights of {capture.name}")
-    heights = height_range_mm(target)
-    absolute = absolute_phase(phase.map, calibration, height_range_mm=heights, levels=levels_of(target))
-    surface = height_of_phase(absolute, calibration, height_range_mm=heights)
-    progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
-    found = probe(target, surface)
-    readings = take_readings(found, surface, lambda u, v, z: points_by_cause(calibration, u, v, z))
-    return ArtefactVerification(capture, target, phase, surface, found, readings)
+    try:
+        progress(f"heights of {capture.name}")
+        heights = height_range_mm(target)
+        absolute = absolute_phase(phase.map, calibration, height_range_mm=heights, levels=levels_of(target))
+        surface = height_of_phase(absolute, calibration, height_range_mm=heights)
+        progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
+        found = probe(target, surface)
+        readings = take_readings(found, surface, lambda u, v, z: points_by_cause(calibration, u, v, z))
+        return ArtefactVerification(capture, target, phase, surface, found, readings)
+    except FringecalError as error:
+        raise with_frames_causes(error, phase) from error
 
 
 def height_range_mm(target: Artefact) -> tuple[float, float]:

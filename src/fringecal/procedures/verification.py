@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fringecal.errors import SessionError
+from fringecal.errors import FringecalError, SessionError
+from fringecal.procedures.causes import with_frames_causes
 from fringecal.procedures.examination import Examination, examine, plate_beside
 from fringecal.procedures.frames import CapturePhase, phase_of_capture
 from fringecal.procedures.treatment import filtered_phase
@@ -81,8 +82,25 @@ def verify(
         raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; name the capture of the bars"])
     progress("phase of the bars")
     phase = phase_of_capture(capture, wave=calibration.wave)
-    progress("heights of the bars")
-    target = capture.target
+    plate = plate_beside(session, capture)
+    try:
+        progress("heights of the bars")
+        return _measured(phase, calibration, plate, rows_px, with_filters, with_models, progress)
+    except FringecalError as error:
+        raise with_frames_causes(error, phase, plate) from error
+
+
+def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, and what it has found so far
+    phase: CapturePhase,
+    calibration: RigCalibration,
+    plate: Capture | None,
+    rows_px: tuple[int, ...] | None,
+    with_filters: bool,
+    with_models: bool,
+    progress: Progress,
+) -> Verification:
+    capture, target = phase.capture, phase.capture.target
+    assert isinstance(target, Zigzag)
     full = zigzag_shape(target).height_mm
     heights = (-_HEADROOM * full, (1 + _HEADROOM) * full)
     absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
@@ -100,7 +118,7 @@ def verify(
     if with_filters:
         progress("filters ranked")
         filters = _filter_study(phase, calibration, target, pose, heights)
-    examined = examine(phase, calibration, plate=plate_beside(session, capture))
+    examined = examine(phase, calibration, plate=plate)
     return Verification(capture, target, phase, examined, surface, pose, errors, models, filters)
 
 
