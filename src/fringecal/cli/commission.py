@@ -37,6 +37,7 @@ def commission(
     from fringecal.procedures.commission import commission as run
     from fringecal.procedures.recording import calibration_record
     from fringecal.procedures.report_commission import commission_report
+    from fringecal.procedures.verified import independent
     from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
     from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
     from fringecal.records.files import EARLIER, result_folder
@@ -49,6 +50,8 @@ def commission(
         allowed = limits_for(session, limits)
         loaded = load_session(session)
         found = run(loaded, progress=show)
+        if artefacts := independent(loaded):
+            show(f"heights of {', '.join(capture.name for capture in artefacts)}")
         record = calibration_record(found, command=command, limits=allowed)
         show("writing the report")
         with result_folder(out, last=CALIBRATION_FILE) as staging:

@@ -72,7 +72,6 @@ class Commissioning:
     pitch_mm: float
     plate_phase_rad: Array
     further: tuple[FurtherArtefact, ...] = ()
-    verified: Verified = Verified()
 
     @property
     def angle_en(self) -> float | None:
@@ -135,6 +134,11 @@ class Commissioning:
         return plate_repeats(self.reference, self.plate_phase_rad, self.calibration)
 
     @cached_property
+    def verified(self) -> Verified:
+        """Artefacts that took no part in the fit, measured with its result; when first asked for."""
+        return verify_session(self.session, self.calibration)
+
+    @cached_property
     def advice(self) -> Advice:
         """What heights will be known to, and what one more artefact would buy; computed when first asked for."""
         noise = float(np.nanmedian(self.reference.map.sigma[self.reference.map.valid]))
@@ -163,7 +167,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     ----------
     session
         A checked session with captures of kind grid, reference and strips. Artefacts that state
-        use = "calibration" take part in the fit; all others are measured with its result.
+        use = "calibration" take part in the fit; all others are measured with its result when that is asked for.
     progress
         Called with a short sentence before each step.
 
@@ -225,7 +229,7 @@ def commission(session: Session, *, progress: Progress = lambda _: None) -> Comm
     counted = None if reference.orders is None else PlateOrders.of(reference.orders, plate_phase)
     calibration = replace(calibration, wave=wave, orders=counted)
     found = _angles(session, camera, captures, strips, orders, observations, calibration, fit, plate_phase)
-    return replace(found, further=further, verified=verify_session(session, calibration, progress=progress))
+    return replace(found, further=further)
 
 
 def measured_step(above: PhaseMap, plate: PhaseMap) -> MeasuredStep | None:
