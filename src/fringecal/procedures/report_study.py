@@ -31,7 +31,7 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
     worst = max(summary.quantities, key=lambda q: abs(q.ratio - 1))
     return Report(
         title="Do the stated uncertainties hold?",
-        subtitle=f"{summary.rigs} random virtual rigs",
+        subtitle=f"{summary.rigs} virtual rigs",
         verdict=Verdict(severest(checks), summary.sentence),
         facts=(
             Fact("Rigs", str(summary.rigs), f"{len(summary.refused)} refused"),
