@@ -208,3 +208,12 @@ def test_a_grid_in_a_picture_without_one(run, data, tmp_path):
 def test_an_unknown_rig_and_an_unknown_target(run, out):
     demand_refusal(run("simulate", "thesiss", "--out", out), "did you mean 'thesis'")
     demand_refusal(run("targets", "show", "angle-bar"), "angle-bars")
+
+
+@pytest.mark.parametrize("verb", [("verify", "--capture", "bars"), ("reconstruct", "--capture", "bars"), ("audit",)])
+def test_a_calibration_of_another_rig(run, out, session, calibration, verb):
+    document = session / "session.toml"
+    document.write_text(document.read_text(encoding="utf-8").replace('rig = "', 'rig = "other-', 1), encoding="utf-8")
+    name, *options = verb
+    outcome = run(name, session, *options, "--calibration", calibration, "--out", out)
+    demand_refusal(outcome, "of rig 'other-", "name the calibration of this rig")

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record, history_beside
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
 from fringecal.uncertainty.rounding import doubt_text, value_text
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def audit(
     from fringecal.session import load_session
 
     demand_folder(out)
-    stated = ("--limits", limits) if limits else ()
+    stated = given({"--limits": limits})
     command = command_line("audit", [session, "--calibration", calibration, "--out", out, *stated])
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
@@ -101,7 +101,9 @@ def _value(check: "Check") -> str:
     if check.value is None:
         return ""
     if check.rule.startswith("|En|"):
-        return f"En {check.value:+z.2f}"
+        # A value that rounds onto its limit gets the digits that show on which side it lies.
+        near = check.limit is not None and abs(abs(check.value) - check.limit) < 0.01
+        return f"En {check.value:+z.4f}" if near else f"En {check.value:+z.2f}"
     chance = "p " if check.rule.startswith("chance") else ""
     return f"{chance}{check.value:.3g} {check.unit}".rstrip()
 

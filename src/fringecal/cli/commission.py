@@ -9,7 +9,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record, history_beside
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
 from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
@@ -45,7 +45,7 @@ def commission(
     from fringecal.session import load_session
 
     demand_folder(out)
-    command = command_line("commission", [session, "--out", out, *(("--limits", limits) if limits else ())])
+    command = command_line("commission", [session, "--out", out, *given({"--limits": limits})])
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
         loaded = load_session(session)

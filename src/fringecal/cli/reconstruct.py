@@ -7,7 +7,7 @@ import numpy as np
 import typer
 
 from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
+from fringecal.cli.saving import command_line, demand_folder, given, progress, write_report
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
 
@@ -45,6 +45,7 @@ def reconstruct(
     from fringecal.procedures.recording import calibration_of
     from fringecal.procedures.report_measure import measurement_report, section_rows
     from fringecal.procedures.treatment import Treatment
+    from fringecal.procedures.verification import demand_same_rig
     from fringecal.projection.models import HEIGHT_MODELS
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
@@ -58,10 +59,15 @@ def reconstruct(
     if model not in HEIGHT_MODELS:
         raise typer.BadParameter(f"model is one of {', '.join(HEIGHT_MODELS)}, found {model!r}")
     demand_folder(out)
-    command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out])
+    heights = {"--lowest-mm": lowest, "--highest-mm": highest}
+    filters = {name: chosen for name, chosen in (("--before", before), ("--after", after)) if chosen != "none"}
+    stated = given({"--capture": capture, "--model": model, **heights, **filters})
+    plate = ("--minus-plate",) if minus_plate else ()
+    command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out, *stated, *plate])
     with progress(quiet=as_json) as show:
-        rig = calibration_of(read_calibration(calibration))
-        loaded = load_session(session)
+        in_force = read_calibration(calibration)
+        rig, loaded = calibration_of(in_force), load_session(session)
+        demand_same_rig(loaded, in_force.session.rig)
         found = run(
             loaded,
             capture or None,

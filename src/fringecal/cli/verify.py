@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
 from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
@@ -42,7 +42,7 @@ def verify(
 ) -> None:
     """Load, verify, save, print."""
     from fringecal.procedures.recording import calibration_of
-    from fringecal.procedures.verification import artefact_capture
+    from fringecal.procedures.verification import artefact_capture, demand_same_rig
     from fringecal.records.calibration import read_calibration
     from fringecal.records.files import result_folder
     from fringecal.records.limits import limits_for
@@ -51,11 +51,14 @@ def verify(
     from fringecal.targets.models import Zigzag
 
     demand_folder(out)
-    command = command_line("verify", [session, "--calibration", calibration, "--out", out])
+    stated = given({"--capture": capture, "--rows": rows, "--limits": limits})
+    plain = () if filters else ("--no-filters",)
+    command = command_line("verify", [session, "--calibration", calibration, "--out", out, *stated, *plain])
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
-        rig = calibration_of(read_calibration(calibration))
-        loaded = load_session(session)
+        in_force = read_calibration(calibration)
+        rig, loaded = calibration_of(in_force), load_session(session)
+        demand_same_rig(loaded, in_force.session.rig)
         chosen = artefact_capture(loaded, capture or None, rig)
         bars = isinstance(chosen.target, Zigzag)
         judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact

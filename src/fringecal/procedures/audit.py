@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from datetime import UTC
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from fringecal.procedures.audit_observed import (
     strips_today,
     with_todays_offset,
 )
-from fringecal.procedures.verification import Verification, demand_same_picture
+from fringecal.procedures.verification import Verification, demand_same_picture, demand_same_rig
 from fringecal.procedures.verified import independent, verify_capture
 from fringecal.projection.calibration import RigCalibration
 from fringecal.records.calibration import AppearanceRecord, CalibrationRecord
@@ -143,13 +144,7 @@ def audit(
 
 def _demand(session: Session, calibration: RigCalibration, record: CalibrationRecord) -> None:
     """Refuse a session that cannot belong to the calibration, or says nothing of it."""
-    if session.rig != record.session.rig:
-        raise SessionError(
-            [
-                f"the session is of rig {session.rig!r}, the calibration of {record.session.rig!r}: name the "
-                "calibration of this rig, or correct the key rig in session.toml"
-            ]
-        )
+    demand_same_rig(session, record.session.rig)
     kinds = {kind for kind in _COMPARED if session.find(kind)}
     if not kinds & {"grid", "reference"}:
         raise SessionError(["an audit needs a grid or the bare plate: add a capture of kind grid or reference"])
@@ -223,6 +218,12 @@ def _notes(
     session: Session, grid: GridToday | None, plate: PlateToday | None, record: CalibrationRecord
 ) -> tuple[str, ...]:
     notes = ["The calibration in force was not changed; nothing was fitted anew to it."]
+    then = record.session.captured
+    if then is not None and session.captured.astimezone(UTC) < then:
+        notes.append(
+            f"The session was captured on {session.captured:%Y-%m-%d}, before the calibration's "
+            f"({then:%Y-%m-%d}): what changed since then it cannot say; check its date."
+        )
     if plate is not None:
         notes.append(
             f"Today's phase differs from the calibration's by {plate.offset_rad:+z.2f} rad everywhere, give or take "

@@ -55,9 +55,9 @@ def history_report(
 def history_section(reviews: Sequence[Review]) -> Section:
     """Return the history's part of another report: its quantities over time, this record's value the last.
 
-    Quantities of one session only are in the table alone: a single value is no history.
+    Quantities of one record only are in the table alone: a single value is no history.
     """
-    shown = [review for review in reviews if len(set(review.series.captured)) > 1]
+    shown = [review for review in reviews if len(review.series.values) > 1]
     figures = tuple(
         FigureItem(
             f"History of {review.series.quantity}",
@@ -67,7 +67,7 @@ def history_section(reviews: Sequence[Review]) -> Section:
         )
         for review in shown
     )
-    verdict = history_verdict(reviews).sentence if shown else "No other session of the rig holds these quantities."
+    verdict = history_verdict(reviews).sentence if shown else "No earlier record of the rig holds these quantities."
     return Section("History", (verdict,), _summary(reviews).tables, figures, side_by_side=True)
 
 

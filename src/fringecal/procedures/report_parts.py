@@ -70,7 +70,9 @@ def checks_table(checks: Sequence[Check]) -> Table:
     keys = ("name", "value", "u", "expanded", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
-    formats = {"value": ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
+    # A value that would round onto its limit gets the digits that show on which side it lies.
+    near = any(c.value is not None and c.limit and 0 < abs(abs(c.value) / c.limit - 1) < 0.005 for c in checks)
+    formats = {"value": ".6g" if near else ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
     return Table("What was checked", frame.set_axis(names, axis="columns"), "", formats, {"value": "u"})
 

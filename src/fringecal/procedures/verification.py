@@ -154,6 +154,23 @@ def _only_artefact(session: Session) -> Capture:
     return free[0] if len(free) == 1 else session.one("artefact")
 
 
+def demand_same_rig(session: Session, calibrated: str) -> None:
+    """Refuse a calibration of another rig.
+
+    Raises
+    ------
+    SessionError
+        The session names another rig than the calibration does.
+    """
+    if session.rig != calibrated:
+        raise SessionError(
+            [
+                f"the session is of rig {session.rig!r}, the calibration of {calibrated!r}: name the calibration of "
+                "this rig, or correct the key rig in session.toml"
+            ]
+        )
+
+
 def demand_same_picture(capture: Capture, calibration: RigCalibration) -> None:
     """Refuse pictures of another size than the calibration's.
 
