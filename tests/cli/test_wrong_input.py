@@ -106,8 +106,13 @@ def test_a_capture_without_steps(run, out, data, calibration):
 
 
 # ---- calibrations ---------------------------------------------------------------------------------
-def test_calibration_of_another_picture_size(run, out, data, calibration):
-    outcome = run("reconstruct", data / "fpp_tools_lens", "--calibration", calibration, "--out", out)
+def test_calibration_of_another_picture_size(run, out, data, calibration, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(data / "fpp_tools_lens", other)
+    document = other / "session.toml"
+    text = document.read_text(encoding="utf-8")
+    document.write_text(text.replace('rig = "fpp_tools"', 'rig = "oblique"'), encoding="utf-8")
+    outcome = run("reconstruct", other, "--calibration", calibration, "--out", out)
     demand_refusal(outcome, "933 x 862", "640 x 520")
 
 
