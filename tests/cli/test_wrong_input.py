@@ -168,7 +168,7 @@ def test_out_may_not_be_written(run, data, calibration, tmp_path):
         "reconstruct", data / "oblique", "--capture", "bars", "--calibration", calibration, "--out", tmp_path / "x"
     )
     tmp_path.chmod(0o700)
-    demand_refusal(outcome, "cannot be written")
+    demand_refusal(outcome, "nothing may be written in")
 
 
 @pytest.mark.parametrize(
