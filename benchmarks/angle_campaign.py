@@ -18,16 +18,17 @@ from typing import Any
 import numpy as np
 
 from fringecal.errors import FringecalError
-from fringecal.procedures.angle import ESTIMATORS, AngleFindings, angles_of, picture_angles
-from fringecal.procedures.camera import CameraFindings, measure_camera
-from fringecal.procedures.commission import commission
-from fringecal.projection.columns import ColumnAngle
+from fringecal.projector.angle.angle_table import ColumnAngle
 from fringecal.session import Session, temporary_session
 from fringecal.simulate import RigSpec, simulate_session
-from fringecal.simulate.captures import stated_target
-from fringecal.simulate.truth import projection_angle_deg
+from fringecal.simulate.rig.truth import projection_angle_deg
+from fringecal.simulate.scene.capture_scenes import stated_target
 from fringecal.targets import Target
 from fringecal.uncertainty.coverage import wilson_interval
+from fringecal.workflows.angle.run import ESTIMATORS, picture_angles
+from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
+from fringecal.workflows.commission.camera import CameraFindings, measure_camera
+from fringecal.workflows.commission.run import commission
 
 SIZE_PX = (560, 420)
 GRID_PX = (18.0, 32.0)

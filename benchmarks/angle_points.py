@@ -11,13 +11,13 @@ import math
 import numpy as np
 
 from angle_campaign import SIZE_PX, draw_rig, share
-from fringecal.camera.plate_fit import CameraFit, fit_plate_camera
-from fringecal.projection.angle import angle_estimate
-from fringecal.projection.calibration import Observations, calibrate_rig
+from fringecal.camera.plate.plate_fit import CameraFit, fit_plate_camera
+from fringecal.projector.angle.projection_angle import angle_estimate
+from fringecal.projector.rig_calibration import Observations, calibrate_rig
 from fringecal.simulate import RigSpec
-from fringecal.simulate.camera import Camera, build_camera, project, ray
-from fringecal.simulate.projector import build_projector, phase_at
-from fringecal.simulate.truth import projection_angle_deg
+from fringecal.simulate.rig.drawn_camera import Camera, build_camera, project, ray
+from fringecal.simulate.rig.drawn_projector import build_projector, phase_at
+from fringecal.simulate.rig.truth import projection_angle_deg
 from fringecal.targets import Target
 from fringecal.uncertainty.estimates import Estimate
 

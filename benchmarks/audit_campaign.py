@@ -20,18 +20,19 @@ import numpy as np
 from scipy import stats
 
 from fringecal.errors import FringecalError
-from fringecal.procedures.audit import CHANCE, Audit, audit
-from fringecal.procedures.audit_changes import least_seen
-from fringecal.procedures.audit_observed import base_state
-from fringecal.procedures.commission import commission
-from fringecal.procedures.recording import calibration_of, calibration_record
-from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.moves import moved
-from fringecal.records.calibration import CalibrationRecord
+from fringecal.projector.moves import moved
+from fringecal.projector.rig_calibration import RigCalibration
+from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import RigSpec, load_rig, simulate_session
-from fringecal.simulate.projector import build_projector, phase_gradient
+from fringecal.simulate.rig.drawn_projector import build_projector, phase_gradient
 from fringecal.targets import load_target
+from fringecal.workflows.audit.checks import least_seen
+from fringecal.workflows.audit.observed import base_state
+from fringecal.workflows.audit.run import CHANCE, Audit, audit
+from fringecal.workflows.commission.record import calibration_record
+from fringecal.workflows.commission.run import commission
+from fringecal.workflows.shared.stored_calibration import calibration_of
 
 CAPTURES = ("grid", "reference", "strips")
 STRIPS_U_MM = 0.005

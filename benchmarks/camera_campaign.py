@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import special
 
-from fringecal.camera.distortion import DistortionTest, examine_distortion
-from fringecal.camera.grid_camera import fit_grid_camera
-from fringecal.detect.grid import GridDetection, find_grid
+from fringecal.camera.distortion.distortion_test import DistortionTest, examine_distortion
+from fringecal.camera.plate.grid_camera import fit_grid_camera
+from fringecal.detect.grid.grid_search import GridDetection, find_grid
 from fringecal.errors import FringecalError
 from fringecal.simulate import RigSpec, plate_points
 from fringecal.uncertainty.estimates import Estimate

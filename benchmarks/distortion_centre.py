@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.radial_lens import RadialLens
-from fringecal.detect.grid import FAMILIES, GridDetection, GridLine
-from fringecal.detect.line_profile import LineProfile
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.lens.radial_lens import RadialLens
+from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
+from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import FringecalError
 
 DISCORPY = """

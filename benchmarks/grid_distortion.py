@@ -14,10 +14,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.straightness import family_rms_px
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.distortion.straightness import family_rms_px
 from fringecal.detect.dots import find_dot_grid
-from fringecal.detect.grid import FAMILIES, GridDetection, find_grid
+from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, find_grid
 
 DISCORPY = """
 import sys, time

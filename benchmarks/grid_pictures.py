@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy import special
 
-from fringecal.detect.grid import GridDetection, find_grid
+from fringecal.detect.grid.grid_search import GridDetection, find_grid
 from fringecal.errors import FringecalError
 
 SHAPE = (700, 900)

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.detect.grid import find_grid
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.detect.grid.grid_search import find_grid
 
 TURNS = 3
 DISCORPY = """

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fringecal.procedures.commission import Commissioning, commission
-from fringecal.procedures.frames import phase_of_capture
-from fringecal.projection.models import height_model
-from fringecal.projection.pixelwise import LAWS, fit_pixelwise
+from fringecal.projector.height_models import height_model
+from fringecal.projector.pixelwise import LAWS, fit_pixelwise
 from fringecal.reconstruct.object_phase import absolute_phase
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import RigSpec, load_rig, simulate_session
+from fringecal.workflows.commission.run import Commissioning, commission
+from fringecal.workflows.shared.capture_phase import phase_of_capture
 
 FLATS_MM = (6.0, 12.0, 18.0, 24.0, 30.0)
 PARTS = ("grid", "reference", "strips", "bars")

@@ -12,8 +12,8 @@ import time
 import numba
 import numpy as np
 
-from fringecal.phase.kernels import Limits, demodulate_plain
-from fringecal.phase.schemes import scheme
+from fringecal.phase.demodulation.pixel_kernels import Limits, demodulate_plain
+from fringecal.phase.demodulation.schemes import scheme
 
 try:
     from fringes.decoder_numba import decode

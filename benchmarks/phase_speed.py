@@ -19,7 +19,7 @@ import numba
 import numpy as np
 
 from fringecal.phase import Noise, demodulate, scheme, unwrap
-from fringecal.phase.kernels import Limits, demodulate_plain
+from fringecal.phase.demodulation.pixel_kernels import Limits, demodulate_plain
 
 LIMITS = Limits(np.uint8(254), *map(np.float32, (0, 2, 0.25, 5, 0.15)))
 

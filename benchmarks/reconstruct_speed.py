@@ -16,12 +16,12 @@ import cv2
 import numba
 import numpy as np
 
-from fringecal.camera.plate import PlateCamera
+from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.phase import demodulate
-from fringecal.projection.calibration import Mode, RigCalibration
-from fringecal.projection.rig import PlateResidual, RigModel, projector_point
-from fringecal.reconstruct.height import height_of_phase
+from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.object_phase import absolute_phase
+from fringecal.reconstruct.phase_to_height import height_of_phase
 
 STEPS = np.deg2rad([0.0, 120.0, 240.0])
 BAR_S, BAR_GB = 1.0, 1.5

@@ -1,6 +1,6 @@
 """Do forecast heights hold, and are moved lamps found, over more rigs than the tests draw?
 
-Run: python benchmarks/rig_statements.py [--rigs 200] [--lamps 60]. The rigs are those of `tests/projection`: perturbed
+Run: python benchmarks/rig_statements.py [--rigs 200] [--lamps 60]. The rigs are those of `tests/projector`: perturbed
 at the level of observations, with everything drawn that a session states. First the spread of heights 28 mm up (bars on
 strips of 3 mm, then with a step block of 30 mm) over what one calibration states; then lamps that stand 0, 5, 20 and
 50 mm from where they are said to stand.
@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.camera.plate_fit import CameraFit
-from fringecal.projection.calibration import calibrate_rig
+from fringecal.camera.plate.plate_fit import CameraFit
+from fringecal.projector.rig_calibration import calibrate_rig
 
 TESTS = Path(__file__).parents[1] / "tests" / "projection"
 DRAWS = 12  # calibrations whose statements are averaged: one draw says little of the scatter of few blocks

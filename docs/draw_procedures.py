@@ -11,7 +11,7 @@ from PIL import Image
 
 from fringecal.report.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, styled
 from fringecal.simulate import RigSpec, load_rig
-from fringecal.simulate.rig import CaptureSpec
+from fringecal.simulate.rig.rig_spec import CaptureSpec
 from fringecal.simulate.sessions import take
 
 OUT = Path(__file__).parents[1] / "procedures" / "pictures"

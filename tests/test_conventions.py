@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fringecal.camera.plate import PlateCamera
-from fringecal.detect.grid import find_grid
+from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.detect.grid.grid_search import find_grid
 from fringecal.phase import demodulate
-from fringecal.projection.angle import apparent_angle, projection_angle
-from fringecal.projection.rig import RigModel
-from fringecal.records.surfaces import write_mesh
+from fringecal.projector.angle.projection_angle import apparent_angle, projection_angle
+from fringecal.projector.rig_model import RigModel
+from fringecal.records.exports.surface_files import write_mesh
 from fringecal.session import load_session, write_session
 from fringecal.targets import parse_target
 from fringecal.uncertainty.estimates import Estimate

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from fringecal.camera.lens import Lens
-from fringecal.camera.lens_solve import BoardView
+from fringecal.camera.lens.brown_lens import Lens
+from fringecal.camera.lens.lens_solve import BoardView
 
 POSES = (
     (30, 0, 5, 420), (-30, 5, 0, 450), (0, 30, 10, 430), (5, -30, 0, 460), (25, 25, 90, 480),

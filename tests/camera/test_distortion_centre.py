@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.radial_lens import RadialLens
-from fringecal.camera.spacing import line_spacing_px
-from fringecal.detect.grid import FAMILIES, GridDetection, GridLine
-from fringecal.detect.line_profile import LineProfile
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.distortion.line_spacing import line_spacing_px
+from fringecal.camera.lens.radial_lens import RadialLens
+from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
+from fringecal.detect.grid.line_profile import LineProfile
 
 CENTRE = (1133.7, 1273.8)
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.radial_lens import RadialLens
-from fringecal.detect.grid import GridDetection, GridLine
-from fringecal.detect.line_profile import LineProfile
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.lens.radial_lens import RadialLens
+from fringecal.detect.grid.grid_search import GridDetection, GridLine
+from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import FitError
 
 SHAPE = (480, 640)

@@ -7,18 +7,18 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera.check_points import check_points, cost_of_neglect_px
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.grid_camera import camera_height, fit_grid_camera
-from fringecal.camera.lens import Lens
-from fringecal.camera.scale import thesis_scale
-from fringecal.camera.straightness import family_rms_px
+from fringecal.camera.distortion.check_points import check_points, cost_of_neglect_px
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.distortion.grid_scale import thesis_scale
+from fringecal.camera.distortion.straightness import family_rms_px
+from fringecal.camera.lens.brown_lens import Lens
+from fringecal.camera.plate.grid_camera import camera_height, fit_grid_camera
 from fringecal.detect.dots import find_dot_grid
-from fringecal.detect.grid import FAMILIES, find_grid
-from fringecal.detect.line_section import line_section
+from fringecal.detect.grid.grid_search import FAMILIES, find_grid
+from fringecal.detect.grid.line_section import line_section
 from fringecal.errors import DetectionError
-from fringecal.procedures.checks import pitch_check
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.workflows.commission.checks import pitch_check
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data" / "discorpy_grids"

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera import mrcal_wall
-from fringecal.camera.lens import Lens
-from fringecal.camera.plate import PlateCamera
-from fringecal.camera.plate_fit import fit_plate_camera
-from fringecal.camera.rich_lens import RATIONAL, RichLens
+from fringecal.camera.lens import mrcal_wall
+from fringecal.camera.lens.brown_lens import Lens
+from fringecal.camera.lens.rich_lens import RATIONAL, RichLens
+from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.camera.plate.plate_fit import fit_plate_camera
 from fringecal.errors import FitError, RecordError
-from fringecal.records.cameramodel import cameramodel_text, parse_lens, read_lens, rich_lens_text, write_lens
+from fringecal.records.exports.cameramodel import cameramodel_text, parse_lens, read_lens, rich_lens_text, write_lens
 
 VALUES = np.array([800.0, 801.0, 321.0, 238.0, -0.1, 0.02, 0.001, -0.002, 0.01])
 SIGMAS = np.array([1.5, 1.5, 0.8, 0.8, 2e-3, 4e-3, 1e-4, 1e-4, 1e-3])

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera import mrcal_wall
-from fringecal.camera.lens import LENS_NAMES
-from fringecal.camera.lens_fit import fit_lens
-from fringecal.camera.lens_solve import BoardView, Way, solve_lens
-from fringecal.camera.lens_uncertainty import projection_difference_px, projection_uncertainty_px
+from fringecal.camera.lens import mrcal_wall
+from fringecal.camera.lens.brown_lens import LENS_NAMES
+from fringecal.camera.lens.lens_fit import fit_lens
+from fringecal.camera.lens.lens_solve import BoardView, Way, solve_lens
+from fringecal.camera.lens.lens_uncertainty import projection_difference_px, projection_uncertainty_px
 from fringecal.detect.boards import find_chessboard
 from fringecal.errors import FitError
 

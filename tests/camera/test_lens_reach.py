@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.lens import Lens
-from fringecal.camera.plate import PlateCamera
-from fringecal.camera.plate_fit import fit_plate_camera
-from fringecal.projection.angle import angle_estimate
-from fringecal.projection.calibration import Observations, calibrate_rig
-from fringecal.projection.rig import PlateResidual, RigModel
+from fringecal.camera.lens.brown_lens import Lens
+from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.camera.plate.plate_fit import fit_plate_camera
+from fringecal.projector.angle.projection_angle import angle_estimate
+from fringecal.projector.rig_calibration import Observations, calibrate_rig
+from fringecal.projector.rig_model import PlateResidual, RigModel
 from fringecal.uncertainty.estimates import Estimate
 
 SHAPE = (480, 640)

@@ -7,11 +7,11 @@ import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from fringecal.camera import mrcal_wall
-from fringecal.camera.lens import Lens
-from fringecal.camera.lens_fit import fit_lens
-from fringecal.camera.lens_solve import Way, solve_lens
-from fringecal.camera.lens_uncertainty import projection_uncertainty_px
+from fringecal.camera.lens import mrcal_wall
+from fringecal.camera.lens.brown_lens import Lens
+from fringecal.camera.lens.lens_fit import fit_lens
+from fringecal.camera.lens.lens_solve import Way, solve_lens
+from fringecal.camera.lens.lens_uncertainty import projection_uncertainty_px
 from fringecal.errors import FitError
 
 PLACES = np.array([[320.0, 240.0], [100.0, 240.0], [320.0, 60.0], [560.0, 420.0], [40.0, 40.0]])

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera.plate import PlateCamera
+from fringecal.camera.plate.plate_camera import PlateCamera
 
 SHAPE = (480, 640)
 PINHOLE = {"scale_mm_per_px": 0.5, "height_mm": 900.0, "tilt_x_rad": 0.02, "tilt_y_rad": -0.015}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
-from fringecal.camera.plate_fit import fit_plate_camera
+from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
+from fringecal.camera.plate.plate_fit import fit_plate_camera
 from fringecal.errors import FitError
 from fringecal.uncertainty.estimates import Estimate
 

@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera import mrcal_wall
-from fringecal.camera.lens_fit import fit_lens
-from fringecal.camera.lens_uncertainty import projection_difference_px
-from fringecal.camera.rich_lens import RATIONAL, RichLens, brown_of, coverage, demand_for_splines
+from fringecal.camera.lens import mrcal_wall
+from fringecal.camera.lens.lens_fit import fit_lens
+from fringecal.camera.lens.lens_uncertainty import projection_difference_px
+from fringecal.camera.lens.rich_lens import RATIONAL, RichLens, brown_of, coverage, demand_for_splines
 from fringecal.errors import FitError
 
 NEEDS_MRCAL = pytest.mark.skipif(not mrcal_wall.available(), reason="mrcal is not installed")

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from fringecal.camera.scale import thesis_scale
-from fringecal.detect.grid import GridDetection
-from fringecal.detect.line_profile import LineProfile
+from fringecal.camera.distortion.grid_scale import thesis_scale
+from fringecal.detect.grid.grid_search import GridDetection
+from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import DetectionError
 from fringecal.uncertainty.estimates import Estimate
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.scatter import shared_scatter
+from fringecal.camera.distortion.crossing_scatter import shared_scatter
 
 
 def crossings(share, seed, turn_deg=0.0):

@@ -12,7 +12,7 @@ import pytest
 from fringecal.cli.app import main
 from fringecal.history.entries import Entry, Reading, read_entry
 from fringecal.history.store import open_history
-from fringecal.report.dashboard import rigs_page
+from fringecal.report.pages.dashboard import rigs_page
 
 ROOT = Path(__file__).parents[2]
 ARCHIVE = max((ROOT / "tests" / "records" / "archive").glob("[0-9]*"))

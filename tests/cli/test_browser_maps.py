@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from fringecal.report.figures_maps import height_map, residual_map
-from fringecal.report.figures_surface import surface_view
+from fringecal.report.figures.maps import height_map, residual_map
+from fringecal.report.figures.surface_view import surface_view
 from fringecal.report.html import write_html
 from fringecal.report.readable import Layer, readable_picture, readable_plate
 from fringecal.report.structure import FigureItem, Live, Report, Section, Verdict

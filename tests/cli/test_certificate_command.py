@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fringecal.records.laboratory import Laboratory, missing_in, read_laboratory
+from fringecal.records.certificates.laboratory import Laboratory, missing_in, read_laboratory
 
 ROOT = Path(__file__).parents[2]
 ARCHIVE = max((ROOT / "tests" / "records" / "archive").glob("[0-9]*"))

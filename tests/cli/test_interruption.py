@@ -42,7 +42,7 @@ def test_an_older_result_survives(data, calibration, tmp_path, name):
 
 def test_a_failure_while_writing_leaves_nothing(run, data, calibration, tmp_path, monkeypatch):
     """The disk is full at the last file: what was there before stays, nothing new appears."""
-    import fringecal.records.surfaces as surfaces
+    import fringecal.records.exports.surface_files as surfaces
 
     def full(*_arguments, **_options):
         raise OSError(28, "No space left on device")

@@ -14,8 +14,8 @@ import pytest
 
 from fringecal.history.entries import read_entry
 from fringecal.history.store import open_history
-from fringecal.records.audit import AUDIT_FILE, read_audit
-from fringecal.records.calibration import CALIBRATION_FILE, read_calibration
+from fringecal.records.audit_record import AUDIT_FILE, read_audit
+from fringecal.records.calibration_record import CALIBRATION_FILE, read_calibration
 
 from .victims import PRELOAD, run
 

@@ -55,7 +55,7 @@ SMALLER: dict[str, str] = {
         "fringecal study --rig my-rig.toml --rigs 2 --heights 5,15,30 --out study"
     ),
     "fringecal certificate --template lab.toml": "fringecal certificate --template lab-to-fill-in.toml",
-    "fringecal study --rigs 500 --seed 2008 --out study": (  # rigs drawn at random: tests/procedures/test_study.py
+    "fringecal study --rigs 500 --seed 2008 --out study": (  # rigs drawn at random: tests/workflows/test_study.py
         "fringecal study --rig my-rig.toml --rigs 2 --heights 5,15,30 --out study"
     ),
     "fringecal audit SESSION --calibration calibration/calibration.json --out audit": (

@@ -8,7 +8,7 @@ from jsonschema import Draft202012Validator
 from scipy.ndimage import maximum_filter, minimum_filter
 
 from fringecal.records.schemas import published_schema
-from fringecal.session.report import published_schema as check_schema
+from fringecal.session.check_document import published_schema as check_schema
 
 from ..report.reading import letters_of_sheets, texts_of_page
 

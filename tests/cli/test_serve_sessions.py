@@ -40,9 +40,9 @@ print("PASS <b>&", flush=True)
 
 @pytest.fixture
 def desk(tmp_path):
-    from fringecal.cli.serve_desk import Desk
-    from fringecal.cli.serve_runs import Runs
-    from fringecal.cli.serve_uploads import Bounds
+    from fringecal.serve.desk import Desk
+    from fringecal.serve.runs import Runs
+    from fringecal.serve.uploads import Bounds
 
     with open_history(tmp_path / "history.db") as history:
         history.append([])

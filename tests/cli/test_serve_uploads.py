@@ -4,8 +4,8 @@ import io
 
 import pytest
 
-from fringecal.cli.serve_guard import Refused
-from fringecal.cli.serve_uploads import Bounds, places_of, receive
+from fringecal.serve.access import Refused
+from fringecal.serve.uploads import Bounds, places_of, receive
 
 
 def parts(*names, size=10):

@@ -10,9 +10,9 @@ from fringecal.report.structure import FigureItem
 
 # What a command imports is loaded once, before the processes are forked.
 PRELOAD = (
-    "fringecal.procedures.report_commission",
-    "fringecal.procedures.report_audit",
-    "fringecal.procedures.recording_audit",
+    "fringecal.workflows.commission.report",
+    "fringecal.workflows.audit.report",
+    "fringecal.workflows.audit.record",
     "fringecal.history.store",
     "fringecal.report.html",
     "fringecal.report.pdf",

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera.board_views import board_view
+from fringecal.camera.lens.board_views import board_view
 from fringecal.detect.boards import find_charuco, find_chessboard, find_dots
 from fringecal.errors import DetectionError, TargetError
 from fringecal.targets import Dots, LineGrid, load_target

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fringecal.detect.grid import find_grid
-from fringecal.detect.grid_check import _along_lines, _largest_patch, choose_coarse
-from fringecal.detect.grid_lattice import Lattice
-from fringecal.detect.grid_seeds import CoarseGrid
-from fringecal.detect.grid_tears import without_torn_islands
-from fringecal.detect.line_weights import _split
+from fringecal.detect.grid.candidates import _along_lines, _largest_patch, choose_coarse
+from fringecal.detect.grid.grid_search import find_grid
+from fringecal.detect.grid.lattice import Lattice
+from fringecal.detect.grid.line_weights import _split
+from fringecal.detect.grid.seeds import CoarseGrid
+from fringecal.detect.grid.tears import without_torn_islands
 from fringecal.errors import DetectionError
 
 

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera.distortion import examine_distortion
-from fringecal.camera.straightness import family_rms_px
-from fringecal.detect.grid import find_grid
+from fringecal.camera.distortion.distortion_test import examine_distortion
+from fringecal.camera.distortion.straightness import family_rms_px
+from fringecal.detect.grid.grid_search import find_grid
 
 DATA = Path(__file__).parents[1] / "data" / "discorpy_grids"
 

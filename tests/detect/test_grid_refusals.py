@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.detect.grid import find_grid
+from fringecal.detect.grid.grid_search import find_grid
 from fringecal.errors import DetectionError
 
 DATA = Path(__file__).parents[1] / "data" / "discorpy_grids"

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.detect.grid import find_grid
+from fringecal.detect.grid.grid_search import find_grid
 
 
 def relative_scale_error(scene, grid):

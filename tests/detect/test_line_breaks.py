@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.detect.line_breaks import line_breaks
+from fringecal.detect.fringes.line_breaks import line_breaks
 from fringecal.errors import DetectionError
 
 DATA = Path(__file__).parents[1] / "data" / "tis_laser_line"

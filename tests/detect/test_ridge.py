@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fringecal.detect.ridge import grey_noise, ridge_centres
-from fringecal.detect.skeleton import skeleton_centres, thinned
+from fringecal.detect.fringes.ridge import grey_noise, ridge_centres
+from fringecal.detect.fringes.skeleton import skeleton_centres, thinned
 from fringecal.errors import DetectionError
 
 

@@ -5,7 +5,7 @@ import time
 import numpy as np
 import pytest
 
-from fringecal.detect.strips import find_strips
+from fringecal.detect.strips.strip_search import find_strips
 from fringecal.errors import DetectionError
 
 

@@ -12,8 +12,8 @@ from fringecal.errors import HistoryError
 from fringecal.history.entries import Reading
 from fringecal.history.review import repeats_of, review_series, series_of
 from fringecal.history.store import open_history
-from fringecal.procedures.report_history import history_report, history_verdict, review_table
 from fringecal.report.html import render_html
+from fringecal.workflows.history.report import history_report, history_verdict, review_table
 
 from .conftest import make_entry
 

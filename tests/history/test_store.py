@@ -8,8 +8,8 @@ import sqlalchemy as sa
 
 from fringecal.errors import HistoryError, RecordError
 from fringecal.history.entries import Reading, read_entry
+from fringecal.history.history_tables import METADATA, STEPS, migrate, schema_version
 from fringecal.history.store import open_history
-from fringecal.history.tables import METADATA, STEPS, migrate, schema_version
 
 from .conftest import make_entry
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fringecal.phase import Waveform, demodulate
-from fringecal.phase.adapted import demodulate_adapted
+from fringecal.phase.demodulation.adapted import demodulate_adapted
 
 SHAPE = (200, 280)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)

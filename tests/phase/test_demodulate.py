@@ -4,17 +4,8 @@ import numpy as np
 import pytest
 
 from fringecal.errors import PhaseError
-from fringecal.phase import (
-    Noise,
-    PhaseMap,
-    Reason,
-    buckets,
-    demodulate,
-    fringe_period,
-    phase_gradient,
-    scheme,
-)
-from fringecal.phase.demodulate import MAX_SIGMA_RAD
+from fringecal.phase import Noise, PhaseMap, Reason, buckets, demodulate, fringe_period, phase_gradient, scheme
+from fringecal.phase.demodulation.demodulate import MAX_SIGMA_RAD
 
 THREE = np.deg2rad([0, 120, 240])
 SHAPE = (120, 160)

@@ -6,8 +6,8 @@ from scipy import special
 
 from fringecal.errors import PhaseError
 from fringecal.phase import correct_gamma, demodulate, estimate_waveform, unwrap
-from fringecal.phase.absolute import absolute_phase
-from fringecal.phase.orders import PlateOrders, cycle_of, decide_orders, plate_number
+from fringecal.phase.orders.absolute import absolute_phase
+from fringecal.phase.orders.multi_period import PlateOrders, cycle_of, decide_orders, plate_number
 
 SHAPE = (120, 160)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)

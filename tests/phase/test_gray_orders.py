@@ -5,8 +5,8 @@ import pytest
 
 from fringecal.errors import PhaseError
 from fringecal.phase import Noise, demodulate
-from fringecal.phase.gray_orders import orders_by_gray
-from fringecal.phase.orders import PlateOrders
+from fringecal.phase.orders.gray_orders import orders_by_gray
+from fringecal.phase.orders.multi_period import PlateOrders
 
 SHAPE = (120, 180)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)

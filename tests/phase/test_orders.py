@@ -6,7 +6,6 @@ import pytest
 from fringecal.errors import PhaseError
 from fringecal.phase import (
     Noise,
-    count_fields,
     decode_gray,
     fourier_phase,
     order_error_rate,
@@ -15,6 +14,7 @@ from fringecal.phase import (
     unwrap_guided,
     unwrap_temporal,
 )
+from fringecal.thesis import count_fields
 
 SHAPE = (160, 240)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)

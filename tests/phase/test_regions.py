@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fringecal.phase.regions import unwrap_regions
+from fringecal.phase.unwrapping.regions import unwrap_regions
 
 SHAPE = (260, 320)
 

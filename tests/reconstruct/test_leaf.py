@@ -5,19 +5,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fringecal.camera.plate import CAMERA_NAMES, PlateCamera
+from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.errors import FitError
-from fringecal.phase.demodulate import PhaseMap
-from fringecal.phase.noise import Noise
-from fringecal.procedures.report_relief import relief_section
-from fringecal.procedures.report_surface import readable_surface
-from fringecal.projection.calibration import Mode, RigCalibration
-from fringecal.projection.rig import PlateResidual, RigModel, projector_point
+from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.demodulation.noise import Noise
+from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.extent import extent_of
-from fringecal.reconstruct.height import reconstruct_height
+from fringecal.reconstruct.phase_to_height import reconstruct_height
 from fringecal.reconstruct.sections import row_section
 from fringecal.simulate import Leaf, leaf_scene
-from fringecal.verify.folds import folds_of, folds_table
+from fringecal.verification.forms.folds import folds_of, folds_table
+from fringecal.workflows.reconstruct.relief_section import relief_section
+from fringecal.workflows.shared.surface_items import readable_surface
 
 SHAPE = (600, 640)
 NOISE_RAD = 0.01  # of the thesis rig: one grey level at a modulation of 80

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from fringecal.camera.plate import PlateCamera
-from fringecal.phase.demodulate import PhaseMap, demodulate
-from fringecal.phase.noise import Noise
-from fringecal.projection.calibration import Mode, RigCalibration
-from fringecal.projection.models import height_changes
-from fringecal.projection.rig import PlateResidual, RigModel, projector_point
-from fringecal.reconstruct import height as height_module
-from fringecal.reconstruct.height import Reason, height_of_phase, reconstruct_height
+from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
+from fringecal.phase.demodulation.noise import Noise
+from fringecal.projector.height_models import height_changes
+from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
+from fringecal.reconstruct import phase_to_height as height_module
 from fringecal.reconstruct.object_phase import ObjectPhase
+from fringecal.reconstruct.phase_to_height import Reason, height_of_phase, reconstruct_height
 from fringecal.reconstruct.row_rays import row_rays
 
 SHAPE = (150, 200)

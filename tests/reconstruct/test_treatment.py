@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from fringecal.procedures.treatment import Treatment, filtered_heights, minus_plate
 from fringecal.reconstruct.height_map import HeightMap, Reason
 from fringecal.reconstruct.sensitivity import Sensitivities
+from fringecal.workflows.shared.treatment import Treatment, filtered_heights, minus_plate
 
 SHAPE = (20, 30)
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fringecal.errors import RecordError
-from fringecal.records.calibration import CalibrationRecord, read_calibration, write_calibration
+from fringecal.records.calibration_record import CalibrationRecord, read_calibration, write_calibration
 from fringecal.records.parts import EstimateRecord, is_covariance
 from fringecal.records.schemas import SCHEMAS, generate_schema, published_schema
-from fringecal.records.verification import VerificationRecord, read_verification, write_verification
+from fringecal.records.verification_record import VerificationRecord, read_verification, write_verification
 from fringecal.uncertainty.estimates import Estimate
 
 

@@ -3,9 +3,9 @@
 import pytest
 
 from fringecal.errors import RecordError
-from fringecal.procedures.checks import judged
 from fringecal.records.limits import Limits, limits_for, read_limits
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.workflows.shared.judgement import judged
 
 
 def written(folder, text):

@@ -3,9 +3,9 @@ import pytest
 import trimesh
 
 from fringecal.errors import RecordError
-from fringecal.records.solids import closed_body, thinned
-from fringecal.records.surfaces import write_profiles, write_surfaces
-from fringecal.records.triangles import Triangles, triangulate
+from fringecal.records.exports.solids import closed_body, thinned
+from fringecal.records.exports.surface_files import write_profiles, write_surfaces
+from fringecal.records.exports.triangles import Triangles, triangulate
 
 
 def sheet(columns, rows, hidden=(), height=2.0):

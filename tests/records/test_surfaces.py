@@ -11,9 +11,9 @@ import trimesh
 from PIL import Image
 
 from fringecal.errors import RecordError
-from fringecal.records.grids import regular_grid
-from fringecal.records.surfaces import write_mesh, write_npz, write_surfaces, write_tif, write_x3p
-from fringecal.records.triangles import triangulate
+from fringecal.records.exports.regular_grid import regular_grid
+from fringecal.records.exports.surface_files import write_mesh, write_npz, write_surfaces, write_tif, write_x3p
+from fringecal.records.exports.triangles import triangulate
 
 # Half a sample: nearest-vertex lookups cannot be nearer.
 HALF_SAMPLE_MM = 0.25

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from fringecal.report.figures_angle import angle_plot
-from fringecal.report.figures_profiles import profile_plot
-from fringecal.report.figures_rig import Pupil, rig_drawing
-from fringecal.report.figures_tables import budget_bars, comparison_bars
+from fringecal.report.figures.angle_figures import angle_plot
+from fringecal.report.figures.profile_figures import profile_plot
+from fringecal.report.figures.rig_drawing import Pupil, rig_drawing
+from fringecal.report.figures.table_bars import budget_bars, comparison_bars
 
 PLATE = (-200.0, 200.0, -150.0, 150.0)
 

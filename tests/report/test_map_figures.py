@@ -6,10 +6,10 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from fringecal.errors import RecordError
-from fringecal.phase.demodulate import demodulate
-from fringecal.report.figures_maps import classification_overlay, error_map, height_map, residual_map
-from fringecal.report.figures_phase import phase_overview
-from fringecal.report.figures_surface import surface_view
+from fringecal.phase.demodulation.demodulate import demodulate
+from fringecal.report.figures.maps import classification_overlay, error_map, height_map, residual_map
+from fringecal.report.figures.phase_figures import phase_overview
+from fringecal.report.figures.surface_view import surface_view
 from fringecal.report.style import BLUE, HEIGHT_MAP, MASKED, ORANGE, symmetric_limit
 
 

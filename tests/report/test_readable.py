@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fringecal.errors import RecordError
-from fringecal.records.grids import pixels_of_nodes
+from fringecal.records.exports.regular_grid import pixels_of_nodes
 from fringecal.report.readable import Layer, readable_picture, readable_plate
 
 ROWS, COLUMNS = 120, 160

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fringecal.report.figures_maps import height_map
-from fringecal.report.figures_surface import surface_view
+from fringecal.report.figures.maps import height_map
+from fringecal.report.figures.surface_view import surface_view
 from fringecal.report.html import folded, render_html, write_html
 from fringecal.report.readable import Layer, readable_plate
 from fringecal.report.structure import Fact, FigureItem, InputFile, Live, Report, Section, Table, Verdict

@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from fringecal.procedures.report_parts import checks_table
 from fringecal.records.parts import Check
 from fringecal.report.html import render_html
 from fringecal.report.pdf import render_pdf
 from fringecal.report.structure import Fact, FigureItem, InputFile, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
+from fringecal.workflows.shared.report_parts import checks_table
 
 from .reading import letters, letters_of_sheets, texts_of_page
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 from fringecal.cli.check import register
 from fringecal.session import check_report, check_schema
-from fringecal.session.report import published_schema
+from fringecal.session.check_document import published_schema
 
 Bench = Any  # the fixture of conftest.py
 

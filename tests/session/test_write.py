@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fringecal.errors import SessionError
-from fringecal.procedures.commission import projector_of
 from fringecal.session import load_session, write_session
 from fringecal.session.toml_text import to_toml
+from fringecal.workflows.shared.stated_projector import projector_of
 
 CAPTURED = datetime.datetime(2026, 11, 22, 10, tzinfo=datetime.UTC)
 

@@ -15,11 +15,11 @@ from fringecal.simulate import (
     render,
     truth_of,
 )
-from fringecal.simulate.camera import build_camera, image_centre, project, ray
-from fringecal.simulate.objects import box
-from fringecal.simulate.projector import build_projector, phase_at, phase_gradient, rational_form
-from fringecal.simulate.scene import Scene
-from fringecal.simulate.truth import lens_shift_at_point_px
+from fringecal.simulate.rig.drawn_camera import build_camera, image_centre, project, ray
+from fringecal.simulate.rig.drawn_projector import build_projector, phase_at, phase_gradient, rational_form
+from fringecal.simulate.rig.truth import lens_shift_at_point_px
+from fringecal.simulate.scene.objects import box
+from fringecal.simulate.scene.scene import Scene
 
 
 def rig(**sections):

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from fringecal.simulate import RigSpec, load_rig, plate, render
-from fringecal.simulate.objects import box
-from fringecal.simulate.projector import harmonics
-from fringecal.simulate.scene import Scene
+from fringecal.simulate.rig.drawn_projector import harmonics
+from fringecal.simulate.scene.objects import box
+from fringecal.simulate.scene.scene import Scene
 
 
 def rig(**sections):

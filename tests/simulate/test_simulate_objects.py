@@ -8,8 +8,8 @@ import pytest
 
 from fringecal.errors import FringecalError
 from fringecal.simulate import HeightField, RigSpec, leaf_scene, render, scene_of
-from fringecal.simulate.objects import BUILDERS, rounded_ridge
-from fringecal.simulate.scene import Scene, together
+from fringecal.simulate.scene.objects import BUILDERS, rounded_ridge
+from fringecal.simulate.scene.scene import Scene, together
 from fringecal.targets import Target, list_targets, load_target, parse_target
 
 

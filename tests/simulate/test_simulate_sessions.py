@@ -22,8 +22,8 @@ from fringecal.simulate import (
     truth_of,
     zigzag_px,
 )
-from fringecal.simulate.captures import capture_scene
-from fringecal.simulate.rig import CaptureSpec
+from fringecal.simulate.rig.rig_spec import CaptureSpec
+from fringecal.simulate.scene.capture_scenes import capture_scene
 from fringecal.targets import parse_target
 
 

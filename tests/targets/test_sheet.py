@@ -10,7 +10,7 @@ import pytest
 from fringecal.errors import TargetError
 from fringecal.targets import Charuco, Dots, LineGrid, Scalar, load_target
 from fringecal.targets.geometry import asymmetric_dots_mm, board_points_mm
-from fringecal.targets.sheet import page_size_mm, sheet
+from fringecal.targets.printable_sheet import page_size_mm, sheet
 from fringecal.targets.vector import Disc, Drawing, Label, Rectangle, pdf, svg
 
 # Coordinates are written to 1e-4 mm, so differences of two are right to that.

@@ -20,8 +20,8 @@ from fringecal.targets import (
     list_targets,
     load_target,
 )
-from fringecal.targets.models import Artefact
-from fringecal.targets.surface import ball_centres_mm, footprint_mm, surface_mm
+from fringecal.targets.kinds_of_target import Artefact
+from fringecal.targets.target_surface import ball_centres_mm, footprint_mm, surface_mm
 
 SAID = {"name": "a target", "certificate": "test"}
 EXACT_MM = 1e-9

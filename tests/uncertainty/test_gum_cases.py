@@ -17,7 +17,7 @@ from fringecal.uncertainty.propagation import (
     propagate_covariance,
     second_order,
 )
-from fringecal.uncertainty.repeats import fit_line, one_way
+from fringecal.uncertainty.repeatability import fit_line, one_way
 
 R = 1 / math.sqrt(3)  # sd of a rectangular distribution of half width 1
 

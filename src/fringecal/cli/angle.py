@@ -8,14 +8,14 @@ import typer
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty import doubt_text, value_text
 
 if TYPE_CHECKING:
-    from fringecal.procedures.angle import AngleFindings, Estimator
-    from fringecal.projection.columns import ColumnAngle
-    from fringecal.uncertainty.estimates import Estimate
+    from fringecal.projector import ColumnAngle
+    from fringecal.uncertainty import Estimate
+    from fringecal.workflows.commission import AngleFindings, Estimator
 
 HELP = """Measure the projection angle by the breaks of fringes at strips, column by column and row by row.
 
@@ -40,10 +40,9 @@ def angle(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-angle/1)."),
 ) -> None:
     """Load, measure, save, print."""
-    from fringecal.procedures.angle import break_angles
-    from fringecal.procedures.report_angle import angle_report
-    from fringecal.records.files import result_folder, write_table
+    from fringecal.records import result_folder, write_table
     from fringecal.session import load_session
+    from fringecal.workflows.angle import angle_report, break_angles
 
     if out is not None:
         demand_folder(out)
@@ -69,7 +68,7 @@ def angle(
 
 def _estimator(name: str, session: Any) -> "Estimator":
     """Check the name; "auto" is the phase where the session has one."""
-    from fringecal.procedures.angle import ESTIMATORS
+    from fringecal.workflows.angle import ESTIMATORS
 
     if name == "auto":
         shifted = session.find("reference") and all(capture.steps_rad for capture in session.find("strips"))

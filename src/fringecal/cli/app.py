@@ -6,7 +6,7 @@ import sys
 import typer
 
 from fringecal import __version__
-from fringecal.cli.console import complain
+from fringecal.cli.shared.console import complain
 from fringecal.errors import FringecalError
 
 EXIT_PASS, EXIT_ERROR, EXIT_USAGE, EXIT_OUT_OF_TOLERANCE, EXIT_INTERRUPTED = 0, 1, 2, 3, 130

@@ -8,13 +8,21 @@ import typer
 from rich import box
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record, history_beside
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import (
+    LIMITS_HELP,
+    command_line,
+    demand_folder,
+    given,
+    progress,
+    tell_outcome,
+    write_report,
+)
+from fringecal.uncertainty import doubt_text, value_text
 
 if TYPE_CHECKING:
-    from fringecal.records.parts import Check
+    from fringecal.records import Check
 
 HELP = """Compare a rig with its calibration in force: what changed, by how much, and what probably moved.
 
@@ -41,16 +49,11 @@ def audit(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, audit, save, print."""
-    from fringecal.procedures.audit import audit as run
-    from fringecal.procedures.audit_words import change_sentence, reuse_sentence
-    from fringecal.procedures.recording import calibration_of
-    from fringecal.procedures.recording_audit import audit_record
-    from fringecal.procedures.report_audit import audit_report
-    from fringecal.records.audit import AUDIT_FILE, write_audit
-    from fringecal.records.calibration import CALIBRATION_FILE, read_calibration
-    from fringecal.records.files import result_folder
-    from fringecal.records.limits import limits_for
+    from fringecal.records import AUDIT_FILE, CALIBRATION_FILE, limits_for, read_calibration, result_folder, write_audit
     from fringecal.session import load_session
+    from fringecal.workflows.audit import audit as run
+    from fringecal.workflows.audit import audit_record, audit_report, change_sentence, reuse_sentence
+    from fringecal.workflows.shared import calibration_of
 
     demand_folder(out)
     stated = given({"--limits": limits})

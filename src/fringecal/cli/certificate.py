@@ -5,8 +5,8 @@ from pathlib import Path
 
 import typer
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import SHEETS_FILE, command_line, demand_folder
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import SHEETS_FILE, command_line, demand_folder
 
 HELP = """Write a calibration report: XML (Digital Calibration Certificate 3.3.0), and the same as HTML and PDF.
 
@@ -52,8 +52,7 @@ def certificate(
 
 def _write_template(file: Path, *, as_json: bool) -> None:
     from fringecal.errors import RecordError
-    from fringecal.records.files import write_text
-    from fringecal.records.lab_template import lab_template
+    from fringecal.records import lab_template, write_text
 
     if file.exists():
         raise RecordError(f"{file}: is there already and is not replaced; name another file")
@@ -67,15 +66,19 @@ def _write_template(file: Path, *, as_json: bool) -> None:
 def _write_certificate(
     record: Path, out: Path, lab: Path | None, verification: Path | None, *, draft: bool, as_json: bool
 ) -> None:
-    from fringecal.cli.saving import write_report
-    from fringecal.procedures.certificate import certificate_of
-    from fringecal.procedures.report_certificate import certificate_report
-    from fringecal.records.calibration import CALIBRATION_FILE, read_calibration
-    from fringecal.records.dcc import certificate_xml
-    from fringecal.records.files import result_folder, write_bytes
-    from fringecal.records.laboratory import Laboratory, read_laboratory
-    from fringecal.records.provenance import sha256_of
-    from fringecal.records.verification import read_verification
+    from fringecal.cli.shared.saving import write_report
+    from fringecal.records import (
+        CALIBRATION_FILE,
+        Laboratory,
+        certificate_xml,
+        read_calibration,
+        read_laboratory,
+        read_verification,
+        result_folder,
+        sha256_of,
+        write_bytes,
+    )
+    from fringecal.workflows.certificate import certificate_of, certificate_report
 
     demand_folder(out)
     stated = Laboratory() if lab is None else read_laboratory(lab)

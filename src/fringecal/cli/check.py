@@ -8,7 +8,7 @@ from rich.console import JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
-from fringecal.cli.console import complain, console, print_json
+from fringecal.cli.shared.console import complain, console, print_json
 from fringecal.errors import SessionError
 from fringecal.session import Session, SessionCheck, check_report, check_session
 

@@ -7,10 +7,18 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record, history_beside
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import (
+    LIMITS_HELP,
+    command_line,
+    demand_folder,
+    given,
+    progress,
+    tell_outcome,
+    write_report,
+)
+from fringecal.uncertainty import doubt_text, value_text
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
@@ -34,15 +42,19 @@ def commission(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, commission, save, print."""
-    from fringecal.procedures.commission import commission as run
-    from fringecal.procedures.recording import calibration_record
-    from fringecal.procedures.report_commission import commission_report
-    from fringecal.procedures.verified import independent
-    from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
-    from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
-    from fringecal.records.files import EARLIER, result_folder
-    from fringecal.records.limits import limits_for
+    from fringecal.records import (
+        CALIBRATION_FILE,
+        CAMERAMODEL_FILE,
+        EARLIER,
+        limits_for,
+        result_folder,
+        write_calibration,
+        write_cameramodel,
+    )
     from fringecal.session import load_session
+    from fringecal.workflows.commission import calibration_record, commission_report
+    from fringecal.workflows.commission import commission as run
+    from fringecal.workflows.verify import independent
 
     demand_folder(out)
     command = command_line("commission", [session, "--out", out, *given({"--limits": limits})])

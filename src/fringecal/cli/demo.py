@@ -12,9 +12,9 @@ import pandas as pd
 import typer
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty import doubt_text, value_text
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
 
@@ -38,11 +38,10 @@ def demo(
     as_json: bool = typer.Option(False, "--json", help="Print the result as one JSON document."),
 ) -> None:
     """Simulate, measure, save, print."""
-    from fringecal.procedures.analytic import analytic_cases
-    from fringecal.procedures.demo import DemoTruth, demonstrate, read_real, result_table
-    from fringecal.procedures.report_demo import demonstration_report
     from fringecal.session import load_session, write_session
     from fringecal.simulate import load_rig, simulate_session, truth_of
+    from fringecal.thesis import analytic_cases
+    from fringecal.workflows.demo import DemoTruth, demonstrate, demonstration_report, read_real, result_table
 
     started = time.perf_counter()
     demand_folder(out)
@@ -94,15 +93,19 @@ def _real_folders() -> list[Path]:
 
 
 def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[no-untyped-def]
-    from fringecal.procedures.recording import calibration_record, verification_record
-    from fringecal.procedures.report_commission import commission_report
-    from fringecal.procedures.report_measure import measurement_report
-    from fringecal.procedures.report_verify import verification_report
-    from fringecal.records.calibration import CALIBRATION_FILE, write_calibration
-    from fringecal.records.cameramodel import CAMERAMODEL_FILE, write_cameramodel
-    from fringecal.records.files import result_folder
-    from fringecal.records.surfaces import write_surfaces
-    from fringecal.records.verification import VERIFICATION_FILE, write_verification
+    from fringecal.records import (
+        CALIBRATION_FILE,
+        CAMERAMODEL_FILE,
+        VERIFICATION_FILE,
+        result_folder,
+        write_calibration,
+        write_cameramodel,
+        write_surfaces,
+        write_verification,
+    )
+    from fringecal.workflows.commission import calibration_record, commission_report
+    from fringecal.workflows.reconstruct import measurement_report
+    from fringecal.workflows.verify import verification_record, verification_report
 
     line, now = " ".join(command), datetime.now(UTC)
     with result_folder(out / "calibration", last=CALIBRATION_FILE) as staging:

@@ -10,17 +10,25 @@ import pandas as pd
 import typer
 from rich.table import Table
 
-from fringecal.camera.distortion import Centre, DistortionTest, examine_distortion
-from fringecal.camera.scale import ThesisScale, thesis_scale
-from fringecal.camera.spacing import line_spacing_px
-from fringecal.camera.straightness import family_rms_px
-from fringecal.cli.console import console, print_json
-from fringecal.cli.pictures import read_picture
-from fringecal.cli.saving import REPORT_FILE, command_line, demand_folder, write_report
-from fringecal.detect.dots import find_dot_grid
-from fringecal.detect.grid import FAMILIES, Polarity, find_grid
+from fringecal.camera import (
+    Centre,
+    DistortionTest,
+    ThesisScale,
+    examine_distortion,
+    family_rms_px,
+    line_spacing_px,
+    thesis_scale,
+)
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.pictures import read_picture
+from fringecal.cli.shared.saving import REPORT_FILE, command_line, demand_folder, write_report
+from fringecal.detect import FAMILIES, Polarity, find_dot_grid, find_grid
 from fringecal.errors import TargetError
-from fringecal.procedures.report_grid import (
+from fringecal.records import result_folder, software_versions, write_table
+from fringecal.report import Report, Verdict
+from fringecal.targets import Dots, LineGrid, load_target
+from fringecal.uncertainty import doubt_text, value_text
+from fringecal.workflows.grid import (
     GridPicture,
     distortion_section,
     distortion_sentences,
@@ -28,11 +36,6 @@ from fringecal.procedures.report_grid import (
     lines_section,
     scale_section,
 )
-from fringecal.records.files import result_folder, write_table
-from fringecal.records.provenance import software_versions
-from fringecal.report.structure import Report, Verdict
-from fringecal.targets import Dots, LineGrid, load_target
-from fringecal.uncertainty.rounding import doubt_text, value_text
 
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 

@@ -12,14 +12,14 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import REPORT_FILE, command_line, demand_folder, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import REPORT_FILE, command_line, demand_folder, write_report
+from fringecal.uncertainty import doubt_text, value_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
-    from fringecal.report.structure import Section
+    from fringecal.report import Section
 
 HELP = """Keep the records of rigs over the years: append, tabulate, chart, export.
 
@@ -53,8 +53,7 @@ def append_record(record: Path, db: str) -> None:
         The database refuses; the record itself is complete, and can be added later.
     """
     from fringecal.errors import HistoryError
-    from fringecal.history.entries import read_entry
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history, read_entry
 
     try:
         with open_history(db) as history:
@@ -72,10 +71,8 @@ def history_beside(record: Path, db: str) -> "Section | None":
     import pandas as pd
 
     from fringecal.errors import HistoryError
-    from fringecal.history.entries import read_entry
-    from fringecal.history.review import review_series, series_of
-    from fringecal.history.store import open_history, readings_of
-    from fringecal.procedures.report_history import history_section
+    from fringecal.history import open_history, read_entry, readings_of, review_series, series_of
+    from fringecal.workflows.history import history_section
 
     if not db:
         return None
@@ -103,8 +100,7 @@ def add(
 
     Example: fringecal history add calibration verification --db history.db
     """
-    from fringecal.history.entries import read_entry
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history, read_entry
 
     entries = [read_entry(record) for record in records]
     with open_history(db) as history:
@@ -118,8 +114,7 @@ def import_file(
 
     Example: fringecal history import old-audits.csv --db history.db
     """
-    from fringecal.history.exchange import import_table
-    from fringecal.history.store import open_history
+    from fringecal.history import import_table, open_history
 
     with open_history(db) as history:
         new = import_table(history, table)
@@ -147,7 +142,7 @@ def show(
 
     Example: fringecal history show --db history.db --quantity "projection angle"
     """
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history
 
     with open_history(db, create=False) as history:
         entries, readings = history.entries(rig), history.readings(rig)
@@ -201,7 +196,7 @@ def _demand_quantities(asked: Sequence[str], known: set[str]) -> None:
 
 def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
     """Tabulate one record's readings; U covers 95 %."""
-    from fringecal.uncertainty.estimates import Estimate
+    from fringecal.uncertainty import Estimate
 
     table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("quantity", "value", "U (95 %)", "unit", "En", "limit", "outcome"):
@@ -241,9 +236,8 @@ def chart(
 
     Example: fringecal history chart --db history.db --quantity "scale, mean" --out charts
     """
-    from fringecal.history.review import review_series, series_of
-    from fringecal.history.store import open_history
-    from fringecal.procedures.report_history import history_report, history_verdict, review_table
+    from fringecal.history import open_history, review_series, series_of
+    from fringecal.workflows.history import history_report, history_verdict, review_table
 
     if (limit is not None or reference is not None) and len(quantity) != 1:
         raise typer.BadParameter("a limit belongs to one quantity: name it with --quantity", param_hint="--limit")
@@ -260,7 +254,7 @@ def chart(
     reviews = [review_series(one, baseline=baseline) for one in series]
     verdict, table = history_verdict(reviews), review_table(reviews)
     if out is not None:
-        from fringecal.records.files import result_folder
+        from fringecal.records import result_folder
 
         command = " ".join(command_line("history", ["chart", "--db", db, "--out", out]))
         report = history_report(name, entries, reviews, command=command, created=datetime.now(UTC))
@@ -324,10 +318,7 @@ def msa(
     """
     from dataclasses import asdict
 
-    from fringecal.history.gauge import anova_study, range_study
-    from fringecal.history.review import repeats_of
-    from fringecal.history.store import open_history
-    from fringecal.history.type_one import type_one_study
+    from fringecal.history import anova_study, open_history, range_study, repeats_of, type_one_study
 
     with open_history(db, create=False) as history:
         repeats = repeats_of(history.readings(_one_rig(history.rigs(), rig)), artefact)
@@ -381,8 +372,7 @@ def export(
 
     Example: fringecal history export history.csv --db history.db
     """
-    from fringecal.history.exchange import export_table
-    from fringecal.history.store import open_history
+    from fringecal.history import export_table, open_history
 
     with open_history(db, create=False) as history:
         count = export_table(history, file, rig)

@@ -8,17 +8,16 @@ from typing import TYPE_CHECKING, cast
 import typer
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.pictures import read_picture
-from fringecal.cli.saving import command_line, demand_folder, progress, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.pictures import read_picture
+from fringecal.cli.shared.saving import command_line, demand_folder, progress, write_report
+from fringecal.uncertainty import doubt_text, value_text
 
 if TYPE_CHECKING:
-    from fringecal.camera.lens_fit import Solver
-    from fringecal.camera.lens_solve import Model
-    from fringecal.procedures.lens import LensFindings
-    from fringecal.records.lens import LensDocument
-    from fringecal.report.structure import InputFile, Report
+    from fringecal.camera import Model, Solver
+    from fringecal.records import LensDocument
+    from fringecal.report import InputFile, Report
+    from fringecal.workflows.lens import LensFindings
 
 HELP = """Fit the full lens to several pictures of a board, with its uncertainty over the field.
 
@@ -56,11 +55,8 @@ def lens(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-lens/1)."),
 ) -> None:
     """Load, fit, save, print."""
-    from fringecal.procedures.lens import KnownLens
-    from fringecal.procedures.lens_recording import lens_record
-    from fringecal.procedures.report_lens import lens_report
-    from fringecal.records.lens import LensDocument
-    from fringecal.records.provenance import software_versions
+    from fringecal.records import LensDocument, software_versions
+    from fringecal.workflows.lens import KnownLens, lens_record, lens_report
 
     _demand(solver, model, distance_mm, out)
     command = command_line("lens", [*source, *(["--target", target] if target else [])])
@@ -104,12 +100,12 @@ def _demand(solver: str, model: str, distance_mm: float | None, out: Path | None
 
 def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["LensFindings", tuple["InputFile", ...]]:
     """Fit the lens to a session's boards or to pictures; with the files used."""
-    from fringecal.procedures.lens import lens_from_pictures, measure_lens
-    from fringecal.procedures.report_parts import inputs_of_capture
-    from fringecal.records.provenance import sha256_of
-    from fringecal.report.structure import InputFile
+    from fringecal.records import sha256_of
+    from fringecal.report import InputFile
     from fringecal.session import load_session
     from fringecal.targets import load_target
+    from fringecal.workflows.lens import lens_from_pictures, measure_lens
+    from fringecal.workflows.shared import inputs_of_capture
 
     if len(source) == 1 and source[0].is_dir():
         if target is not None:
@@ -127,10 +123,7 @@ def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["Le
 
 def _save(document: "LensDocument", report: "Report", found: "LensFindings", out: Path) -> None:
     """Write record, lens files and report, all together or not at all."""
-    from fringecal.records.cameramodel import rich_lens_text, write_lens
-    from fringecal.records.documents import write_document
-    from fringecal.records.files import result_folder, write_text
-    from fringecal.records.lens import LENS_FILE
+    from fringecal.records import LENS_FILE, result_folder, rich_lens_text, write_document, write_lens, write_text
 
     with result_folder(out, last=LENS_FILE) as staging:
         for name in ("lens.cameramodel", "lens.yml"):
@@ -142,7 +135,7 @@ def _save(document: "LensDocument", report: "Report", found: "LensFindings", out
 
 
 def _table(found: "LensFindings") -> Table:
-    from fringecal.camera.lens import LENS_NAMES
+    from fringecal.camera import LENS_NAMES
 
     table = Table(title="Lens; u is a standard uncertainty")
     for heading in ("parameter", "value", "u", "unit"):

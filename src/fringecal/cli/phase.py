@@ -11,8 +11,8 @@ from rich import box
 from rich.markup import escape
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.phase_orders import (
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.phase_orders import (
     counted_orders,
     named,
     orders_document,
@@ -20,7 +20,7 @@ from fringecal.cli.phase_orders import (
     show_orders,
     summarised,
 )
-from fringecal.cli.phase_sets import (
+from fringecal.cli.shared.phase_sets import (
     CHANNELS,
     Group,
     PhaseSet,
@@ -40,8 +40,8 @@ from fringecal.phase import (
     diagnose,
     findings_of_repeats,
 )
-from fringecal.records.files import replacing
-from fringecal.report.figures_phase import doctor_overview, phase_overview
+from fringecal.records import replacing
+from fringecal.report import doctor_overview, phase_overview
 
 HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the steps they really have.
 

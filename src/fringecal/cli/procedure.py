@@ -12,10 +12,10 @@ import typer
 from rich import box
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
+from fringecal.cli.shared.console import console, print_json
 from fringecal.errors import FringecalError
-from fringecal.procedures.bench import Page, StepState, Walk, parse_page, walk
 from fringecal.session import SessionCheck, check_session
+from fringecal.workflows.procedure import Page, StepState, Walk, parse_page, walk
 
 HELP = """Walk a written procedure: what is done, what is still missing in the session folder, what is wrong with it.
 
@@ -136,7 +136,7 @@ def _placed(word: str, check: SessionCheck) -> str:
 
 def _done_before(check: SessionCheck, calibration: Path | None, out: Path) -> Path | None:
     """Return the record in `out` if it was made from these very files and this very calibration."""
-    from fringecal.records.provenance import sha256_of
+    from fringecal.records import sha256_of
 
     for file in (out / name for name in _RECORDS):
         if check.session is None or not file.is_file():

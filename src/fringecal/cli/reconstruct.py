@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, given, progress, write_report
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import command_line, demand_folder, given, progress, write_report
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
 
@@ -41,17 +41,13 @@ def reconstruct(
     as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
 ) -> None:
     """Load, reconstruct, save, print."""
-    from fringecal.procedures.measurement import reconstruct as run
-    from fringecal.procedures.recording import calibration_of
-    from fringecal.procedures.report_measure import measurement_report, section_rows
-    from fringecal.procedures.treatment import Treatment
-    from fringecal.procedures.verification import demand_same_rig
-    from fringecal.projection.models import HEIGHT_MODELS
-    from fringecal.records.calibration import read_calibration
-    from fringecal.records.files import result_folder
-    from fringecal.records.surfaces import write_profiles, write_surfaces
+    from fringecal.projector import HEIGHT_MODELS
+    from fringecal.records import read_calibration, result_folder, write_profiles, write_surfaces
     from fringecal.session import load_session
-    from fringecal.verify.filters import FILTERS
+    from fringecal.verification import FILTERS
+    from fringecal.workflows.reconstruct import measurement_report, section_rows
+    from fringecal.workflows.reconstruct import reconstruct as run
+    from fringecal.workflows.shared import Treatment, calibration_of, demand_same_rig
 
     for name in (before, after):
         if name not in FILTERS:

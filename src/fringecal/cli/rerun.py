@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import progress
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import progress
 
 if TYPE_CHECKING:
-    from fringecal.procedures.rerun import Rerun
+    from fringecal.workflows.rerun import Rerun
 
 HELP = """Run a calibration, a verification or an audit again from its record: same files by hash, same numbers.
 
@@ -39,9 +39,9 @@ def rerun(
     as_json: bool = typer.Option(False, "--json", help="Print the comparison as one JSON document."),
 ) -> None:
     """Load, run again, print."""
-    from fringecal.procedures.rerun import calibration_file, session_folder
-    from fringecal.procedures.rerun import rerun as run
-    from fringecal.records.kinds import read_record, record_file
+    from fringecal.records import read_record, record_file
+    from fringecal.workflows.rerun import calibration_file, session_folder
+    from fringecal.workflows.rerun import rerun as run
 
     written, _ = read_record(record)
     folder = session or session_folder(written)

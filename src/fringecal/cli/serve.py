@@ -13,18 +13,17 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from fringecal.cli.console import console, print_json
 from fringecal.cli.history import DB
-from fringecal.cli.saving import demand_folder
-from fringecal.cli.serve_guard import LOOPBACK, guard
-from fringecal.cli.serve_uploads import Bounds
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import demand_folder
 from fringecal.errors import FringecalError, RecordError
+from fringecal.serve import LOOPBACK, Bounds, guard
 
 if TYPE_CHECKING:
     import flask
     from werkzeug.serving import WSGIRequestHandler
 
-    from fringecal.cli.serve_desk import Desk
+    from fringecal.serve import Desk
 
 HELP = """Show the history in a browser, and check and run sessions there.
 
@@ -123,8 +122,7 @@ def _ended_by_signal() -> Iterator[None]:
 
 
 def _desk(db: str, work: Path, sessions: Path | None, bounds: Bounds) -> "Desk":
-    from fringecal.cli.serve_desk import Desk
-    from fringecal.cli.serve_runs import Runs
+    from fringecal.serve import Desk, Runs
 
     if sessions is not None and not sessions.is_dir():
         raise FringecalError(
@@ -165,7 +163,7 @@ def dashboard(db: str, host: str = "127.0.0.1", desk: "Desk | None" = None) -> "
     HistoryError
         There is no such history.
     """
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history
 
     try:
         import flask
@@ -177,7 +175,7 @@ def dashboard(db: str, host: str = "127.0.0.1", desk: "Desk | None" = None) -> "
 
     guard(app, host, desk.token if desk else secrets.token_urlsafe(32))
     if desk:
-        from fringecal.cli.serve_sessions import desk_pages
+        from fringecal.serve import desk_pages
 
         app.config.update(
             MAX_CONTENT_LENGTH=desk.bounds.megabytes * 10**6 + _FORM_BYTES,
@@ -191,8 +189,8 @@ def dashboard(db: str, host: str = "127.0.0.1", desk: "Desk | None" = None) -> "
 def _routes(app: "flask.Flask", db: str, desk: str) -> None:
     import flask
 
-    from fringecal.history.store import open_history
-    from fringecal.report.dashboard import message_page, rig_page, rigs_page
+    from fringecal.history import open_history
+    from fringecal.report import message_page, rig_page, rigs_page
 
     @app.get("/")
     def rigs() -> str:
@@ -229,7 +227,7 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
 def _document(db: str, sha256: str) -> str:
     import flask
 
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history
 
     with open_history(db, create=False) as history:
         text = history.document(sha256)
@@ -239,9 +237,9 @@ def _document(db: str, sha256: str) -> str:
 
 
 def _comparison(db: str, first: str, second: str) -> str:
-    from fringecal.procedures.report_comparison import comparison_report
-    from fringecal.records.calibration import parse_calibration
-    from fringecal.report.html import render_html
+    from fringecal.records import parse_calibration
+    from fringecal.report import render_html
+    from fringecal.workflows.compare import comparison_report
 
     both = [parse_calibration(_document(db, one), name=f"record {one[:12]}") for one in (first, second)]
     return render_html(comparison_report(both[0], both[1], created=datetime.now(UTC)))
@@ -250,7 +248,7 @@ def _comparison(db: str, first: str, second: str) -> str:
 def _entries(db: str, rig: str) -> Any:
     import flask
 
-    from fringecal.history.store import open_history
+    from fringecal.history import open_history
 
     with open_history(db, create=False) as history:
         entries = history.entries(rig)
@@ -260,10 +258,9 @@ def _entries(db: str, rig: str) -> Any:
 
 
 def _report(db: str, rig: str) -> str:
-    from fringecal.history.review import review_series, series_of
-    from fringecal.history.store import open_history
-    from fringecal.procedures.report_history import history_report
-    from fringecal.report.html import render_html
+    from fringecal.history import open_history, review_series, series_of
+    from fringecal.report import render_html
+    from fringecal.workflows.history import history_report
 
     entries = _entries(db, rig)
     with open_history(db, create=False) as history:

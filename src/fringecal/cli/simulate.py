@@ -7,7 +7,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
+from fringecal.cli.shared.console import console, print_json
 from fringecal.session import write_session
 from fringecal.simulate import RigSpec, SimulatedSession, Truth, load_rig, simulate_session, truth_of
 

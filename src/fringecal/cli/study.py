@@ -11,12 +11,12 @@ import typer
 from rich import box
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
-from fringecal.cli.saving import command_line, demand_folder, progress, tell_outcome, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import command_line, demand_folder, progress, tell_outcome, write_report
+from fringecal.uncertainty import doubt_text, value_text
 
 if TYPE_CHECKING:
-    from fringecal.procedures.study_summary import StudySummary
+    from fringecal.workflows.study import StudySummary
 
 HELP = """Commission many random virtual rigs and compare what was found with what is true.
 
@@ -48,12 +48,9 @@ def study(  # noqa: PLR0913, PLR0917 -- one argument per option
     as_json: bool = typer.Option(False, "--json", help="Print the summary as one JSON document."),
 ) -> None:
     """Compute, summarise, save, print."""
-    from fringecal.procedures.report_study import study_report
-    from fringecal.procedures.study import StudyPlan, run_study
-    from fringecal.procedures.study_summary import summarise
-    from fringecal.procedures.study_workers import cluster, local_pool
-    from fringecal.records.files import result_folder
+    from fringecal.records import result_folder
     from fringecal.simulate import load_rig
+    from fringecal.workflows.study import StudyPlan, cluster, local_pool, run_study, study_report, summarise
 
     if workers and scheduler:
         raise typer.BadParameter("a cluster has its own workers; give one of the two", param_hint="--workers")

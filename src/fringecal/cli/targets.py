@@ -7,13 +7,21 @@ from typing import Any
 import typer
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
+from fringecal.cli.shared.console import console, print_json
 from fringecal.errors import TargetError
-from fringecal.targets import Target, Zigzag, list_targets, load_target
-from fringecal.targets.geometry import zigzag_base_mm, zigzag_height
-from fringecal.targets.sheet import PRINTABLE, sheet
-from fringecal.targets.surface import footprint_mm
-from fringecal.targets.vector import pdf, svg
+from fringecal.targets import (
+    PRINTABLE,
+    Target,
+    Zigzag,
+    footprint_mm,
+    list_targets,
+    load_target,
+    pdf,
+    sheet,
+    svg,
+    zigzag_base_mm,
+    zigzag_height,
+)
 
 NAME = typer.Argument(help="Name of a shipped target, or path of a .toml file.", metavar="NAME")
 AS_JSON = typer.Option(False, "--json", help="Print one JSON document.")

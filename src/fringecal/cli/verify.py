@@ -8,10 +8,18 @@ import typer
 from rich import box
 from rich.table import Table
 
-from fringecal.cli.console import console, print_json
 from fringecal.cli.history import append_record
-from fringecal.cli.saving import LIMITS_HELP, command_line, demand_folder, given, progress, tell_outcome, write_report
-from fringecal.uncertainty.rounding import doubt_text, value_text
+from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.saving import (
+    LIMITS_HELP,
+    command_line,
+    demand_folder,
+    given,
+    progress,
+    tell_outcome,
+    write_report,
+)
+from fringecal.uncertainty import doubt_text, value_text
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
@@ -41,14 +49,11 @@ def verify(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, verify, save, print."""
-    from fringecal.procedures.recording import calibration_of
-    from fringecal.procedures.verification import artefact_capture, demand_same_rig
-    from fringecal.records.calibration import read_calibration
-    from fringecal.records.files import result_folder
-    from fringecal.records.limits import limits_for
-    from fringecal.records.verification import VERIFICATION_FILE, write_verification
+    from fringecal.records import VERIFICATION_FILE, limits_for, read_calibration, result_folder, write_verification
     from fringecal.session import load_session
-    from fringecal.targets.models import Zigzag
+    from fringecal.targets import Zigzag
+    from fringecal.workflows.shared import calibration_of, demand_same_rig
+    from fringecal.workflows.verify import artefact_capture
 
     demand_folder(out)
     stated = given({"--capture": capture, "--rows": rows, "--limits": limits})
@@ -78,9 +83,8 @@ def verify(
 
 def _bars(session, capture, rig, file, command, show, limits, *, rows, filters):  # type: ignore[no-untyped-def]
     """Judge angle bars: record, report and the table to print."""
-    from fringecal.procedures.recording import verification_record
-    from fringecal.procedures.report_verify import verification_report
-    from fringecal.procedures.verification import verify as run
+    from fringecal.workflows.verify import verification_record, verification_report
+    from fringecal.workflows.verify import verify as run
 
     found = run(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=show)
     record = verification_record(found, session, file, command=command, limits=limits)
@@ -90,9 +94,7 @@ def _bars(session, capture, rig, file, command, show, limits, *, rows, filters):
 
 def _artefact(session, capture, rig, file, command, show, limits):  # type: ignore[no-untyped-def]
     """Judge any other artefact: record, report and the table to print."""
-    from fringecal.procedures.artefacts import verify_artefact
-    from fringecal.procedures.recording_artefacts import artefact_record
-    from fringecal.procedures.report_artefact import artefact_report
+    from fringecal.workflows.verify import artefact_record, artefact_report, verify_artefact
 
     found = verify_artefact(capture, rig, progress=show)
     record = artefact_record(found, session, file, command=command, limits=limits)
@@ -101,7 +103,7 @@ def _artefact(session, capture, rig, file, command, show, limits):  # type: igno
 
 
 def _record_file(path: Path) -> Path:
-    from fringecal.records.calibration import CALIBRATION_FILE
+    from fringecal.records import CALIBRATION_FILE
 
     return path / CALIBRATION_FILE if path.is_dir() else path
 

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
-from fringecal.detect.grid import FAMILIES, GridDetection, GridLine
-from fringecal.detect.line_points import LineStatus
-from fringecal.detect.line_profile import LineProfile
+from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
+from fringecal.detect.grid.line_points import LineStatus
+from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]

@@ -9,8 +9,7 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from fringecal.errors import HistoryError
-from fringecal.uncertainty.estimates import Estimate
-from fringecal.uncertainty.repeats import Line, fit_line
+from fringecal.uncertainty import Estimate, Line, fit_line
 
 YEAR_DAYS = 365.25
 LEAST_POINTS = 4

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fringecal.records.audit import AuditRecord
-from fringecal.records.calibration import CalibrationRecord
-from fringecal.records.kinds import read_record, record_file
-from fringecal.records.parts import Check, EstimateRecord
-from fringecal.records.verification import VerificationRecord
+from fringecal.records import (
+    AuditRecord,
+    CalibrationRecord,
+    Check,
+    EstimateRecord,
+    VerificationRecord,
+    read_record,
+    record_file,
+)
 
 _SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
 

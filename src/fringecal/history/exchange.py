@@ -13,7 +13,7 @@ import pandas as pd
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Entry, Reading
 from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
-from fringecal.records.files import replacing, write_table
+from fringecal.records import replacing, write_table
 
 NEEDED = ("rig", "captured", "quantity", "value")
 _OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)

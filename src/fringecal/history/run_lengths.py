@@ -8,13 +8,7 @@ S. M. Wu, Technometrics 13, 221, 1971) by Gauss-Legendre quadrature.
 import numpy as np
 from scipy import stats
 
-from fringecal.history.charts import (
-    CUSUM_LIMIT,
-    CUSUM_SLACK,
-    EWMA_WEIGHT,
-    EWMA_WIDTH,
-    SHEWHART_WIDTH,
-)
+from fringecal.history.charts import CUSUM_LIMIT, CUSUM_SLACK, EWMA_WEIGHT, EWMA_WIDTH, SHEWHART_WIDTH
 
 _NODES = 96
 

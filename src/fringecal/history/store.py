@@ -16,7 +16,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Entry
-from fringecal.history.tables import ENTRIES, READINGS, STEPS, demand_known, migrate, schema_version
+from fringecal.history.history_tables import ENTRIES, READINGS, STEPS, demand_known, migrate, schema_version
 
 WAIT_S = 60.0  # how long a writer waits for the others
 _INSERT: Mapping[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.phase.demodulate import PhaseMap
-from fringecal.phase.orders import plate_number
-from fringecal.projection.calibration import RigCalibration
+from fringecal.phase import PhaseMap, plate_number
+from fringecal.projector import RigCalibration
 
 _TWO_PI = 2 * np.pi
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
-from fringecal.projection.calibration import RigCalibration
+from fringecal.projector import RigCalibration
 from fringecal.reconstruct.height_map import HeightMap
 from fringecal.reconstruct.perturbed import points_by_cause
 

@@ -5,16 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.phase.absolute import pieces_in_cycles
-from fringecal.phase.demodulate import PhaseMap
-from fringecal.phase.regions import unwrap_regions
-from fringecal.phase.unwrap import Unwrapped
-from fringecal.projection.calibration import RigCalibration
+from fringecal.phase import PhaseMap, Unwrapped, pieces_in_cycles, unwrap_regions
+from fringecal.projector import RigCalibration
 from fringecal.reconstruct.cycles import step_in_cycle
+from fringecal.reconstruct.height_kernels import steps_over_plate
 from fringecal.reconstruct.height_map import Reason
-from fringecal.reconstruct.kernels import steps_over_plate
-from fringecal.reconstruct.levels import Levels, steps_at_levels
-from fringecal.reconstruct.order import decide_pieces
+from fringecal.reconstruct.known_levels import Levels, steps_at_levels
+from fringecal.reconstruct.piece_orders import decide_pieces
 from fringecal.reconstruct.row_rays import rig_rows
 
 Array = NDArray[np.float64]

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.models import height_model
+from fringecal.projector import RigCalibration, height_model
 
 Array = NDArray[np.float64]
 

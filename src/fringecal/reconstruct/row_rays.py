@@ -1,7 +1,7 @@
 """Rig and uncertainty as polynomials along every picture row: a handful of multiplications for each pixel.
 
 Rays need Newton's method on the lens's distortion, systematic uncertainty a sum over causes; along a row both are
-smooth, and the kernels of `fringecal.reconstruct.kernels` evaluate them by Horner's rule.
+smooth, and the kernels of `fringecal.reconstruct.height_kernels` evaluate them by Horner's rule.
 """
 
 from dataclasses import dataclass
@@ -10,11 +10,10 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from fringecal.camera.plate import PlateCamera
-from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.rig import PlateResidual
+from fringecal.camera import PlateCamera
+from fringecal.projector import PlateResidual, RigCalibration
+from fringecal.reconstruct.height_kernels import Doubt, Rig
 from fringecal.reconstruct.height_map import Reason
-from fringecal.reconstruct.kernels import Doubt, Rig
 from fringecal.reconstruct.sensitivity import Sensitivities
 
 Array = NDArray[np.float64]

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
-from fringecal.projection.calibration import RigCalibration
-from fringecal.projection.models import height_changes
+from fringecal.projector import RigCalibration, height_changes
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
 
-from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty import Estimate
 
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 

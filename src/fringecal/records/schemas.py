@@ -7,11 +7,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from fringecal.records.audit import AuditRecord
-from fringecal.records.calibration import CalibrationRecord
+from fringecal.records.audit_record import AuditRecord
+from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.records.files import write_text
-from fringecal.records.lens import LensDocument
-from fringecal.records.verification import VerificationRecord
+from fringecal.records.lens_record import LensDocument
+from fringecal.records.verification_record import VerificationRecord
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "audit": AuditRecord,

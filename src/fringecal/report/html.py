@@ -10,7 +10,7 @@ from typing import Any
 import jinja2
 from matplotlib.axes import Axes
 
-from fringecal.records.files import write_text
+from fringecal.records import write_text
 from fringecal.report.readable import ReadableMap
 from fringecal.report.structure import FigureItem, Live, Report, Section, Table, slug
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text

@@ -10,7 +10,7 @@ from typing import Any
 
 import typst
 
-from fringecal.records.files import write_bytes
+from fringecal.records import write_bytes
 from fringecal.report.structure import FigureItem, Report, Section, Table
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 

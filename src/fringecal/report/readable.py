@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.records.grids import demand_maps, pixels_of_nodes, sample_spacing_mm
+from fringecal.records import demand_maps, pixels_of_nodes, sample_spacing_mm
 
 _LONGEST_SIDE = 200  # nodes: one layer of 200 x 150 takes 160 kB of a page
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from fringecal.report.structure import DOF, DOUBT, FigureItem, Report, Table
 from fringecal.report.style import RC
-from fringecal.uncertainty.rounding import dof_text, doubt_text, value_text
+from fringecal.uncertainty import dof_text, doubt_text, value_text
 
 # Word and sign: no reader has to tell a verdict by its colour alone.
 DECISIONS = {

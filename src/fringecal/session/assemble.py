@@ -5,9 +5,9 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
+from fringecal.session.captures import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
-from fringecal.session.session import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 
 
 def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]) -> Session:

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import TargetError
+from fringecal.session.capture_files import FrameFacts, examine, expand
 from fringecal.session.document import CaptureTable
 from fringecal.session.faults import Fault, PictureError
-from fringecal.session.frames import FrameFacts, examine, expand
 from fringecal.session.parse import Parsed
 from fringecal.targets import Target, load_target
 

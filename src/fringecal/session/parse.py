@@ -21,7 +21,7 @@ from fringecal.session.document import (
     SessionDocument,
 )
 from fringecal.session.faults import Fault, hint, nearest
-from fringecal.targets.quantity import Quantity
+from fringecal.targets import Quantity
 
 Loc = tuple[int | str, ...]
 

@@ -10,13 +10,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fringecal.session.containers import (
-    PNG_SIGNATURE,
-    Container,
-    inspect_bmp,
-    inspect_jpeg,
-    inspect_png,
-)
+from fringecal.session.containers import PNG_SIGNATURE, Container, inspect_bmp, inspect_jpeg, inspect_png
 from fringecal.session.faults import PictureError
 from fringecal.session.tiff import read_tiff
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.session.check import load_session
-from fringecal.session.session import Session
+from fringecal.session.captures import Session
+from fringecal.session.checking import load_session
 from fringecal.session.write import write_session
 
 

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from fringecal.errors import FringecalError
-from fringecal.simulate.captures import capture_scene, stated_target
-from fringecal.simulate.render import Frames, render
-from fringecal.simulate.rig import CaptureSpec, RigSpec, StepsSpec
-from fringecal.simulate.sensor import stream
+from fringecal.simulate.rig.rig_spec import CaptureSpec, RigSpec, StepsSpec
+from fringecal.simulate.scene.capture_scenes import capture_scene, stated_target
+from fringecal.simulate.tracing.ray_tracer import Frames, render
+from fringecal.simulate.tracing.sensor import stream
 from fringecal.simulate.truth_files import truth_files
 from fringecal.targets import Target
 

@@ -7,15 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from fringecal.simulate.captures import capture_scene, field_mm, stated_target
-from fringecal.simulate.render import Frames, plate_points, true_steps_rad
-from fringecal.simulate.rig import RigSpec
-from fringecal.simulate.truth import (
-    apparent_angle_deg,
-    lens_shift_at_point_px,
-    projection_angle_deg,
-    truth_of,
-)
+from fringecal.simulate.rig.rig_spec import RigSpec
+from fringecal.simulate.rig.truth import apparent_angle_deg, lens_shift_at_point_px, projection_angle_deg, truth_of
+from fringecal.simulate.scene.capture_scenes import capture_scene, field_mm, stated_target
+from fringecal.simulate.tracing.ray_tracer import Frames, plate_points, true_steps_rad
 
 ANGLE_POINTS_MM = (-80, -40, 0, 40, 80)
 

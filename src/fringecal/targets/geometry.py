@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fringecal.targets.models import Zigzag
-from fringecal.uncertainty.estimates import Estimate
+from fringecal.targets.kinds_of_target import Zigzag
+from fringecal.uncertainty import Estimate
 
 type Floats = NDArray[np.float64]
 

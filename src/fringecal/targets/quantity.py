@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
 
-from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty import Estimate
 
 # Standard deviation of a distribution of half width 1 (JCGM 100:2008, 4.3.7 and 4.3.9).
 HALF_WIDTH_TO_U = {"rectangular": 1 / math.sqrt(3), "triangular": 1 / math.sqrt(6)}

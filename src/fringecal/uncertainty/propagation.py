@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
-from fringecal.uncertainty.budget import Budget, budget
+from fringecal.uncertainty.budgets import Budget, budget
 from fringecal.uncertainty.estimates import Estimate
 
 Floats = NDArray[np.float64]

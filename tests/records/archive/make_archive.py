@@ -7,11 +7,11 @@ open, apply and repeat it.
 from pathlib import Path
 
 from fringecal import __version__
-from fringecal.procedures.commission import commission
-from fringecal.procedures.recording import calibration_record
-from fringecal.records.calibration import write_calibration
+from fringecal.records.calibration_record import write_calibration
 from fringecal.session import load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
+from fringecal.workflows.commission.record import calibration_record
+from fringecal.workflows.commission.run import commission
 
 CAPTURES = ("grid", "reference", "strips", "bars")
 

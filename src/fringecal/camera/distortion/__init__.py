@@ -1,0 +1,1 @@
+"""The distortion test, the thesis's scale tables, and what they rest on."""

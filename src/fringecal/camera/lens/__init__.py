@@ -1,0 +1,1 @@
+"""Lens models, and the full lens from pictures of a board."""

@@ -1,0 +1,1 @@
+"""The camera over the plate, fitted to one picture of a grid."""

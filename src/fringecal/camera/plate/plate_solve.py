@@ -1,0 +1,105 @@
+"""Solve for the camera on the plate, and leave crossings out that disagree."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from fringecal.camera.distortion.crossing_scatter import shared_scatter
+from fringecal.camera.plate.plate_problem import Problem, misfit_px, noticeable, residuals
+from fringecal.errors import FitError
+
+Array = NDArray[np.float64]
+
+MIN_CROSSINGS = 12
+_OUTLIER = 4.0  # residuals beyond this many robust sigmas are wrong crossings, not noise
+#: Of the largest singular value, all parameters being of one size: below it derivatives are rounding errors.
+_LEAST_SINGULAR = 1e-7
+_STEP = 0.05  # of a derivative: so many standard uncertainties of the parameter, were the others known
+_LEAST_FACTOR = 0.02  # residuals of drawn pictures may vanish; the priors must still be felt beside them
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Parameters (the problem's free ones, then turn, shift and stretch of the sheet) with their covariance.
+
+    `factor` is what the crossings' stated sigma was multiplied by.
+    """
+
+    vector: Array
+    covariance: Array
+    factor: float
+
+
+def _least_squares(residuals: Callable[[Array], Array], start: Array, sizes: Array) -> tuple[Array, Array]:
+    """Return the parameters, (n,), at which the sum of squares is least, and the derivatives there, (m, n).
+
+    Parameters differ in size by ten orders: each is counted in what it is known to, and derivatives are differences
+    over a share of that. `sizes` are changes that residuals notice, for the first derivatives only.
+    """
+    unit = _known_to(_derivatives(residuals, start, sizes), sizes)
+
+    def scaled(q: Array) -> Array:
+        return residuals(start + unit * q)
+
+    def slopes(q: Array) -> Array:
+        return _derivatives(residuals, start + unit * q, _STEP * unit) * unit
+
+    found = least_squares(scaled, np.zeros(start.size), slopes, x_scale="jac", xtol=1e-10, ftol=1e-10)
+    return start + unit * found.x, slopes(found.x) / unit
+
+
+def _derivatives(residuals: Callable[[Array], Array], at: Array, steps: Array) -> Array:
+    """Return central differences, (m, n)."""
+    columns = [(residuals(at + step) - residuals(at - step)) / (2 * step.max()) for step in np.diag(steps)]
+    return np.column_stack(columns)
+
+
+def _known_to(jacobian: Array, steps: Array) -> Array:
+    """Return the change of each parameter that moves the residuals by one in all; its step where nothing moves."""
+    length = np.linalg.norm(jacobian, axis=0)
+    return np.where(length > 0, 1 / np.where(length > 0, length, 1.0), steps)
+
+
+def _solve(problem: Problem, start: Array, keep: NDArray[np.bool_], factor: float) -> Solution:
+    vector, jacobian = _least_squares(lambda v: residuals(problem, v, keep, factor), start, noticeable(problem, start))
+    unit = 1 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
+    _, singular, right = np.linalg.svd(jacobian * unit, full_matrices=False)
+    if singular[-1] < _LEAST_SINGULAR * singular[0]:
+        raise FitError(
+            "The grid does not determine the camera: two of its parameters cannot be told apart. Photograph a "
+            "larger part of the grid, or state the lens."
+        )
+    covariance = (right.T / singular**2) @ right * np.outer(unit, unit)
+    return Solution(vector, covariance, factor)
+
+
+def solve_robustly(
+    problem: Problem, start: Array, index: tuple[NDArray[np.int64], NDArray[np.int64]] | None
+) -> tuple[Solution, NDArray[np.bool_]]:
+    """Solve, drop crossings that disagree, solve again with sigma scaled to the residuals found."""
+    keep = np.ones(problem.u.size, dtype=bool)
+    # From afar the crossings count little beside what is stated, or a first step may throw the height away.
+    far = float(np.sqrt(np.mean((np.concatenate(misfit_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
+    solution = _solve(problem, start, keep, max(1.0, far))
+    for _ in range(3):
+        du, dv = misfit_px(problem, solution.vector)
+        size = np.hypot(du, dv) / problem.sigma
+        robust = 1.4826 * np.median(np.abs(np.concatenate([du, dv]) / np.tile(problem.sigma, 2)))
+        keep = size < _OUTLIER * math.sqrt(2) * max(robust, 1e-9)
+        if np.count_nonzero(keep) < max(MIN_CROSSINGS, 0.5 * keep.size):
+            raise FitError(
+                f"Only {np.count_nonzero(keep)} of {keep.size} crossings agree with one flat sheet seen by one "
+                "camera: the sheet is bent, or lines were mistaken."
+            )
+        spread = np.concatenate([du[keep], dv[keep]]) / np.tile(problem.sigma[keep], 2)
+        factor = math.sqrt(np.sum(spread**2) / max(1, spread.size - solution.vector.size))
+        factor = max(factor, _LEAST_FACTOR)
+        if index is not None:
+            rest = np.where(keep[:, None], np.column_stack([du, dv]), np.nan)
+            factor *= math.sqrt(shared_scatter(*index, np.column_stack([problem.u, problem.v]), rest))
+        solution = _solve(problem, solution.vector, keep, factor)
+    return solution, keep

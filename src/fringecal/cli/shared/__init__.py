@@ -1,0 +1,1 @@
+"""What several verbs share: the console, saving of results, pictures and phase sets named on the command line."""

@@ -1,0 +1,159 @@
+"""Where `fringecal phase` finds its sets: a session's captures, a folder of pictures, or pictures by name."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fringecal.cli.shared.pictures import read_picture
+from fringecal.errors import PhaseError
+from fringecal.session import FILE_NAME, Capture, Session, load_session, natural_key
+
+CHANNELS = ("mean", "red", "green", "blue", "luma")
+SUFFIXES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+
+
+@dataclass(frozen=True)
+class PhaseSet:
+    """One phase-shifted set to be demodulated: one period, one repeat."""
+
+    name: str
+    frames: np.ndarray
+    steps_rad: np.ndarray
+    white_level: float | None
+    reference: np.ndarray | None = None
+    repeats: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Group:
+    """Sets of one scene; with several periods, one set for each, in the order of `periods`; Gray-code frames."""
+
+    name: str
+    sets: tuple[PhaseSet, ...]
+    periods: tuple[float, ...] = ()
+    gray: np.ndarray | None = None
+
+    @property
+    def absolute(self) -> bool:
+        """Whether orders can be decided."""
+        return len(self.periods) > 1 or self.gray is not None
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the command line states of pictures that belong to no session."""
+
+    steps_rad: np.ndarray
+    periods: tuple[float, ...] = ()
+    channel: str | None = None
+
+
+def session_groups(folder: Path, name: str | None) -> Iterator[Group]:
+    """Give every phase-shifted set of a session, or of one of its captures.
+
+    Raises
+    ------
+    PhaseError
+        No such capture, or none that is phase-shifted.
+    """
+    session = load_session(folder)
+    shifted = {key: one for key, one in session.captures.items() if one.steps_rad}
+    if name is not None and name not in shifted:
+        known = ", ".join(shifted) or "none"
+        raise PhaseError(f"{folder}: no phase-shifted capture is called {name!r}; there are: {known}")
+    if not shifted:
+        raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
+    for key in [name] if name is not None else shifted:
+        yield from _capture_groups(shifted[key], _reference_of(session, shifted[key]))
+
+
+def _reference_of(session: Session, capture: Capture) -> Capture | None:
+    """Return the session's picture of the bare plate, or for a plate any other, to compare a capture with."""
+    others = [one for one in session.captures.values() if one.name != capture.name and one.steps_rad]
+    same = [one for one in others if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    plates = [one for one in same if one.kind == "reference"]
+    # A plate's own frames in another order show against anything else that the rig has taken.
+    if capture.kind == "reference" and same:
+        return same[0]
+    return plates[0] if len(plates) == 1 else None
+
+
+def _capture_groups(capture: Capture, plate: Capture | None) -> Iterator[Group]:
+    """Give one group for each repeat of a capture, with one set for each fringe period."""
+    for repeat in range(capture.repeat):
+        name = capture.name + (f"-repeat{repeat + 1}" if capture.repeat > 1 else "")
+        periods = range(max(1, len(capture.periods)))
+        gray = capture.read_gray() if capture.gray_paths else None
+        yield Group(name, tuple(_capture_set(capture, plate, repeat, k) for k in periods), capture.periods, gray)
+
+
+def _capture_set(capture: Capture, plate: Capture | None, repeat: int, period: int) -> PhaseSet:
+    """Read the set of one period and one repeat."""
+    name = capture.name
+    name += f"-period{period + 1}" if len(capture.periods) > 1 else ""
+    name += f"-repeat{repeat + 1}" if capture.repeat > 1 else ""
+    frames = capture.read_set(repeat=repeat, period=period)
+    bare = plate.read_set(period=period) if plate is not None else None
+    if bare is not None and bare.shape != frames.shape:
+        bare = None
+    again = _repeats_of(capture, period) if repeat == 0 else None
+    return PhaseSet(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare, again)
+
+
+def _repeats_of(capture: Capture, period: int) -> np.ndarray | None:
+    """Return all repeats of one fringe period, (R, N, H, W), where there are several."""
+    if capture.repeat < 2:
+        return None
+    return np.stack([capture.read_set(repeat=k, period=period) for k in range(capture.repeat)])
+
+
+def holds_session(folder: Path) -> bool:
+    """Tell whether a folder is a session."""
+    return (folder / FILE_NAME).exists()
+
+
+def pictures_of(folder: Path) -> list[Path]:
+    """Return the pictures of a folder in natural order.
+
+    Raises
+    ------
+    PhaseError
+        There are none.
+    """
+    found = [path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES]
+    if not found:
+        raise PhaseError(f"{folder}: neither {FILE_NAME} nor pictures ({', '.join(SUFFIXES)}) are in this folder")
+    return sorted(found, key=lambda path: natural_key(path.name))
+
+
+def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
+    """Read pictures that belong to no session: all steps of the first period, then of the next.
+
+    Raises
+    ------
+    PhaseError
+        Not as many pictures as steps and periods ask for, or pictures of different size or depth.
+    SessionError
+        A picture that cannot be read.
+    """
+    pictures = [read_picture(path, stated.channel) for path in paths]
+    n_steps, n_sets = len(stated.steps_rad), max(1, len(stated.periods))
+    if len(paths) != n_steps * n_sets:
+        names = ", ".join(path.name for path in paths[:12]) + (", ..." if len(paths) > 12 else "")
+        raise PhaseError(
+            f"found {len(paths)} pictures ({names}) for {n_steps} steps"
+            + (f" and {n_sets} periods" if n_sets > 1 else "")
+            + f"; needed: {n_steps * n_sets}, one frame per step"
+            + (" of each period" if n_sets > 1 else "")
+            + ". Name the pictures of the set only, in the order of its steps."
+        )
+    if len({(grey.shape, grey.dtype.str) for grey in pictures}) > 1:
+        sizes = ", ".join(f"{p.name} {g.shape[::-1]} {g.dtype}" for p, g in zip(paths, pictures, strict=True))
+        raise PhaseError(f"the pictures of one set must have one size and depth; found {sizes}")
+    name = paths[0].stem
+    frames = np.stack(pictures).reshape(n_sets, n_steps, *pictures[0].shape)
+    labels = [name + (f"-period{k + 1}" if n_sets > 1 else "") for k in range(n_sets)]
+    sets = (PhaseSet(label, part, stated.steps_rad, None) for label, part in zip(labels, frames, strict=True))
+    return Group(name, tuple(sets), stated.periods)

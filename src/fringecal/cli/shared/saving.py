@@ -1,0 +1,143 @@
+"""What every verb writes: record, tables, figures and report, all together or not at all."""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from fringecal.cli.shared.console import console
+from fringecal.errors import RecordError
+from fringecal.uncertainty import doubt_text, value_text
+
+if TYPE_CHECKING:
+    from fringecal.records import Check
+    from fringecal.report import Report
+
+REPORT_FILE = "report.html"
+SHEETS_FILE = "report.pdf"
+LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
+
+_VERDICTS = {
+    "pass": "PASS",
+    "conditionalPass": "CONDITIONAL PASS: nothing beyond its limit, but not everything proved",
+    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but not proved to be",
+    "fail": "FAIL",
+    "info": "NO VERDICT: nothing was judged",
+}
+_STYLES = {
+    "pass": "bold green",
+    "conditionalPass": "bold yellow",
+    "conditionalFail": "bold yellow",
+    "fail": "bold red",
+    "info": "bold",
+}
+
+
+def write_report(report: "Report", folder: Path) -> None:
+    """Write a report as a page and as sheets, with its tables as CSV and its figures beside them."""
+    from fringecal.records import write_bytes, write_table
+    from fringecal.report import write_html, write_pdf
+    from fringecal.workflows.shared import figures_of, tables_of
+
+    for name, frame in tables_of(report).items():
+        write_table(_made(folder / "tables") / name, frame)
+    for name, content in figures_of(report).items():
+        write_bytes(_made(folder / "figures") / name, content)
+    write_html(report, folder / REPORT_FILE)
+    write_pdf(report, folder / SHEETS_FILE)
+
+
+def demand_folder(out: Path) -> None:
+    """Refuse a place for results before the work is done, not after it.
+
+    Raises
+    ------
+    RecordError
+        `out` is a file, or lies in one, or in a folder where nothing may be written.
+    """
+    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    if not place.is_dir():
+        raise RecordError(f"{out}: a folder for results was needed, but {place} is a file; name another")
+    try:
+        tempfile.TemporaryDirectory(prefix=".fringecal-", dir=place).cleanup()  # rights alone do not tell
+    except OSError as error:
+        raise RecordError(
+            f"{out}: nothing may be written in {place} ({error.strerror}); name another folder for the results"
+        ) from error
+
+
+def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:
+    """Print what was found in sentences, then the verdict over all checks and where the report is.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3 where a check failed.
+    """
+    from fringecal.workflows.shared import severest
+
+    say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+    for sentence in sentences:
+        say(sentence)
+    failed = [check for check in checks if check.decision == "fail"]
+    unproved = [check for check in checks if check.decision.startswith("conditional")]
+    judged = sum(check.decision != "info" for check in checks)
+    verdict = severest(checks)
+    say(f"{_VERDICTS[verdict]} ({judged} checks, En with k = 2)", style=_STYLES[verdict])
+    for check in (*failed, *unproved):
+        value = "" if check.value is None else f": {value_text(check.value, check.u)} {check.unit}".rstrip()
+        value += f", u {doubt_text(check.u)}" if check.u else ""
+        limit = "" if check.limit is None else f", limit {check.limit:.4g}"
+        say(
+            f"check {'failed' if check.decision == 'fail' else 'not proved'}: {check.name}{value}{limit} ({check.rule})"
+        )
+    say(f"report: {out / REPORT_FILE}")
+    if failed:
+        raise typer.Exit(3)
+
+
+def _made(folder: Path) -> Path:
+    folder.mkdir(exist_ok=True)
+    return folder
+
+
+@contextmanager
+def progress(*, quiet: bool):  # type: ignore[no-untyped-def]
+    """Lend a function that shows what is being done; silent when the output is for a program."""
+    if quiet:
+        yield lambda _: None
+        return
+    with console.status("starting") as status:
+
+        def show(step: str) -> None:
+            if not console.is_terminal:
+                console.print(f"  {step}", markup=False, highlight=False)
+            status.update(step)
+
+        yield show
+
+
+def command_line(verb: str, arguments: Sequence[object]) -> tuple[str, ...]:
+    """Return the command as typed, for the record: all that its results depend on.
+
+    A history is left out: its URL may hold a password, and nothing in the record comes from it.
+    """
+    return ("fringecal", verb, *(str(a) for a in arguments))
+
+
+def given(options: Mapping[str, object]) -> tuple[str, ...]:
+    """Return options with their values as they are typed; what is empty was not given.
+
+    Examples
+    --------
+    >>> given({"--capture": "bars", "--rows": "", "--limits": None})
+    ('--capture', 'bars')
+    """
+    return tuple(str(word) for name, value in options.items() if value not in (None, "") for word in (name, value))
+
+
+type Show = Callable[[str], None]

@@ -1,0 +1,48 @@
+from .boards import (
+    find_charuco as find_charuco,
+)
+from .boards import (
+    find_chessboard as find_chessboard,
+)
+from .boards import (
+    find_dots as find_dots,
+)
+from .dots import (
+    find_dot_grid as find_dot_grid,
+)
+from .fringes.ridge import (
+    Centres as Centres,
+)
+from .fringes.ridge import (
+    ridge_centres as ridge_centres,
+)
+from .fringes.skeleton import (
+    skeleton_centres as skeleton_centres,
+)
+from .grid.grid_search import (
+    FAMILIES as FAMILIES,
+)
+from .grid.grid_search import (
+    Family as Family,
+)
+from .grid.grid_search import (
+    GridDetection as GridDetection,
+)
+from .grid.grid_search import (
+    Polarity as Polarity,
+)
+from .grid.grid_search import (
+    find_grid as find_grid,
+)
+from .grid.line_section import (
+    LineSection as LineSection,
+)
+from .grid.line_section import (
+    line_section as line_section,
+)
+from .strips.strip_search import (
+    StripRegions as StripRegions,
+)
+from .strips.strip_search import (
+    find_strips as find_strips,
+)

@@ -1,0 +1,1 @@
+"""Centres of fringes and of lines of light in one picture."""

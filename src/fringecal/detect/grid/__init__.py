@@ -1,0 +1,1 @@
+"""Ruled grids: from loose candidates to indexed crossings and sub-pixel points along every line."""

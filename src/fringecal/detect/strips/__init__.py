@@ -1,0 +1,1 @@
+"""Strips in a picture, from the phase that they add."""

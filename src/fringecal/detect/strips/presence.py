@@ -1,0 +1,106 @@
+"""Which strips of a row are in the picture, and whether it is the target's row at all."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.detect.strips.comb import Comb, Pixels
+from fringecal.errors import DetectionError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_SIZE_TOLERANCE = 0.2  # of a strip's width, besides two px, before the target is called wrong
+_SEEN_CONTRAST = 0.35  # a strip with less of the others' contrast is not there, or shows a whole fringe
+_LEAST_PLATE = 0.45  # share of plate pixels in the gaps that must agree with the reference
+
+
+def strips_seen(pixels: Pixels, comb: Comb, edges: Array, layout: Array) -> Mask:
+    """Tell which strips are there; refuse a picture that is not the target's."""
+    across = pixels.across(comb.direction_rad)
+    strip = np.array([_mean(pixels, across, low, high) for low, high in edges])
+    between = [_mean(pixels, across, a, b) for a, b in _gaps(edges)]
+    gaps = np.array(
+        [
+            np.nanmax([before, after]) if np.isfinite([before, after]).any() else np.nan
+            for before, after in zip(between[:-1], between[1:], strict=True)
+        ]
+    )
+    plate = float(np.nanmedian(between)) if np.isfinite(between).any() else 0.0
+    contrast = gaps - strip
+    if plate < _LEAST_PLATE:
+        raise DetectionError(
+            f"only {100 * plate:.0f} % of the plate between the strips has the phase of the reference capture: lamp, "
+            "plate or mirror moved between the two, or the target's strips are not those in the picture."
+        )
+    seen = np.nan_to_num(contrast, nan=-1.0) > max(_SEEN_CONTRAST * float(np.nanmedian(contrast)), 0.12)
+    if np.count_nonzero(seen) < min(2, len(edges)):
+        raise DetectionError(_nothing(layout, float(np.nanmax(contrast))))
+    if seen.all():
+        _demand_width(pixels, across, edges, np.diff(layout, axis=1))
+    _demand_no_more(pixels, across, edges, plate)
+    return seen
+
+
+def _gaps(edges: Array) -> list[tuple[float, float]]:
+    """Return the gaps between strips, and one beyond each outer strip."""
+    outer = float(np.median(edges[1:, 0] - edges[:-1, 1])) if len(edges) > 1 else float(np.ptp(edges))
+    lows = [edges[0, 0] - outer, *edges[:, 1]]
+    highs = [*edges[:, 0], edges[-1, 1] + outer]
+    return list(zip(lows, highs, strict=True))
+
+
+def _mean(pixels: Pixels, across: Array, low: float, high: float, *, rim: float = 0.2) -> float:
+    """Mean likeness over a zone without its rims; NaN where too little of it is in the picture."""
+    rim *= high - low
+    inside = (across > low + rim) & (across < high - rim)
+    return float(pixels.likeness[inside].mean()) if np.count_nonzero(inside) >= 12 else math.nan
+
+
+def _nothing(layout: Array, contrast: float) -> str:
+    width = float(np.mean(np.diff(layout, axis=1)))
+    return (
+        f"{len(layout)} strips of {width:.1f} px width do not show in the phase (contrast {contrast:.2f} between plate "
+        "and strips): strips and reference are the same pictures, the target names other strips, fringes run along "
+        "the plane of light and strips shift nothing, or the step is a whole fringe everywhere (then change the "
+        "fringe pitch)."
+    )
+
+
+def _demand_width(pixels: Pixels, across: Array, edges: Array, stated_px: Array) -> None:
+    """Refuse strips of another width: of the zone around each, the share that is not plate tells it."""
+    gaps = _gaps(edges)
+    found = []
+    for (low, high), before, after in zip(edges, gaps[:-1], gaps[1:], strict=True):
+        left, right = (sum(before) / 2, sum(after) / 2)
+        if left < across.min() or right > across.max():
+            continue
+        plate = np.nanmean([_mean(pixels, across, *gap, rim=0.4) for gap in (before, after)])
+        strip = _mean(pixels, across, low, high, rim=0.4)
+        share = (plate - _mean(pixels, across, left, right, rim=0.0)) / (plate - strip)
+        found.append(share * (right - left))
+    if not found:
+        return
+    width, stated = float(np.nanmedian(found)), float(np.median(stated_px))
+    if abs(width - stated) > 2.0 + _SIZE_TOLERANCE * stated:
+        raise DetectionError(
+            f"the strips are {width:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the "
+            "target names other strips, or its width or gap is wrong; or the step is near a whole fringe in part of "
+            "the field, where tops look like plate (then change the fringe pitch or the strips' height)"
+        )
+
+
+def _demand_no_more(pixels: Pixels, across: Array, edges: Array, plate: float) -> None:
+    """Refuse a picture in which the row of strips goes on beyond the target's count."""
+    if len(edges) < 2:
+        return
+    period = float(np.median(np.diff(edges[:, 0])))
+    for end, shift in ((0, -period), (-1, period)):
+        beyond = _mean(pixels, across, *(edges[end] + shift))
+        within = np.nanmedian([_mean(pixels, across, low, high) for low, high in edges])
+        if math.isfinite(beyond) and beyond < within + 0.25 * (plate - within):
+            raise DetectionError(
+                f"the picture shows more strips than the {len(edges)} that the target states: correct its count, or "
+                "take the others away"
+            )

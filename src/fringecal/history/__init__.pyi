@@ -1,0 +1,54 @@
+from .charts import (
+    Chart as Chart,
+)
+from .drift import (
+    YEAR_DAYS as YEAR_DAYS,
+)
+from .entries import (
+    read_entry as read_entry,
+)
+from .exchange import (
+    export_table as export_table,
+)
+from .exchange import (
+    import_table as import_table,
+)
+from .gauge import (
+    anova_study as anova_study,
+)
+from .gauge import (
+    range_study as range_study,
+)
+from .review import (
+    Review as Review,
+)
+from .review import (
+    Series as Series,
+)
+from .review import (
+    repeats_of as repeats_of,
+)
+from .review import (
+    review_series as review_series,
+)
+from .review import (
+    series_of as series_of,
+)
+from .run_lengths import (
+    cusum_run_length as cusum_run_length,
+)
+from .run_lengths import (
+    ewma_run_length as ewma_run_length,
+)
+from .run_lengths import (
+    shewhart_run_length as shewhart_run_length,
+)
+from .store import (
+    open_history as open_history,
+)
+from .store import (
+    readings_of as readings_of,
+)
+from .type_one import (
+    type_one_study as type_one_study,
+)

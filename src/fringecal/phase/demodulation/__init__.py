@@ -1,0 +1,1 @@
+"""From phase-shifted frames to wrapped phase: phase shifts, noise, mask, shape of the fringes."""

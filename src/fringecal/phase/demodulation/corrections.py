@@ -1,0 +1,89 @@
+"""What the frames were found to do, undone: drifting brightness, and steps that change over the field."""
+
+from dataclasses import replace
+
+import numpy as np
+from numba import njit, prange
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.schemes import Scheme, least_squares
+
+_ITERATIONS = 3  # the error falls by the square of the step's error each time: 5 deg to below 1e-5 rad
+
+
+def equalise(found: StepEstimate, *, steps_rad: ArrayLike | None = None) -> Scheme:
+    """Return the scheme that demodulates frames of different brightness as if the lamp had not drifted.
+
+    Parameters
+    ----------
+    found
+        Steps, gains and offsets, best measured on the same frames.
+    steps_rad
+        Steps to use, rad, (N,); by default those found.
+
+    Notes
+    -----
+    Frame n is taken as `background_n A + gain_n B cos(phi + delta_n) + offset_n`. Gain and background act alike on
+    bright and on dark parts; what is added everywhere alike (a raised black level) is the offset. Which of the two
+    a background is, is read from how it changes over the picture.
+    """
+    return least_squares(
+        found.steps_rad if steps_rad is None else steps_rad,
+        name="equalised",
+        gains=found.gain_per_frame,
+        offsets=found.offset_per_frame,
+        backgrounds=found.background_per_frame,
+    )
+
+
+def correct_steps(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayLike) -> PhaseMap:
+    """Undo a change of the steps that is linear over the field.
+
+    Parameters
+    ----------
+    map_
+        A set demodulated with steps that are right in the middle of the picture.
+    scheme
+        The scheme used.
+    gradient_rad_px
+        Change of each step along u and v, rad/px, (N, 2), such as `StepEstimate.gradient_rad_px`.
+
+    Returns
+    -------
+    PhaseMap
+        The same with the phase corrected.
+
+    Notes
+    -----
+    The scheme's answer to frames with the pixel's own steps is computed for a phase, compared with the phase
+    found, and the phase moved by the difference, three times.
+    """
+    gradient = np.asarray(gradient_rad_px, np.float64)
+    rows = np.column_stack([np.asarray(scheme.steps_rad), gradient, scheme.weights[1:].T])
+    gains: NDArray = np.asarray(scheme.gains or np.ones(len(rows)))
+    return replace(map_, phase=_moved(map_.phase, rows, gains))
+
+
+@njit(parallel=True, cache=True)
+def _moved(phase, rows, gains):  # type: ignore[no-untyped-def]
+    """Return the corrected phase; `rows` (N, 5) holds step, slope along u, along v, and both weights."""
+    height, width = phase.shape
+    result = np.empty_like(phase)
+    for i in prange(height):
+        for j in range(width):
+            found = np.float64(phase[i, j])
+            true = found
+            for _ in range(_ITERATIONS if np.isfinite(found) else 0):
+                c, s = 0.0, 0.0
+                for n in range(rows.shape[0]):
+                    step = rows[n, 0] + rows[n, 1] * (j - (width - 1) / 2) + rows[n, 2] * (i - (height - 1) / 2)
+                    wave = gains[n] * np.cos(true + step)
+                    c += rows[n, 3] * wave
+                    s += rows[n, 4] * wave
+                error = np.arctan2(s, c) - found
+                true -= error - 2 * np.pi * np.rint(error / (2 * np.pi))
+            wrapped = np.float32(true - 2 * np.pi * np.ceil(true / (2 * np.pi) - 0.5))
+            result[i, j] = np.float32(np.pi) if wrapped <= -np.float32(np.pi) else wrapped
+    return result

@@ -1,0 +1,1 @@
+"""What is wrong with phase-shifted frames, what it costs, and what to do."""

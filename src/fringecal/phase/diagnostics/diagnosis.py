@@ -1,0 +1,154 @@
+"""A doctor for phase-shifted frames: what is wrong with them, what it costs, what to do."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError
+from fringecal.phase.demodulation.adapted import smoothed_noise
+from fringecal.phase.demodulation.blocks import RIPPLE_ORDERS, Block, measure_blocks
+from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
+from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
+from fringecal.phase.demodulation.phase_shifts import StepEstimate, steps_and_blocks
+from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
+from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
+from fringecal.phase.diagnostics.symptoms import TESTS
+
+# With such a fault, everything that is measured from the frames' differences is nonsense.
+_FATAL = ("stale frame", "duplicate frames", "swapped frames")
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What the frames show.
+
+    Parameters
+    ----------
+    findings
+        What is wrong, the costliest first; empty if nothing is.
+    map
+        The set demodulated with the stated steps.
+    period, steps, wave
+        Fringe period, steps and wave shape as measured; None where the scene does not allow it.
+    ripple
+        Ripple that the phase has with the stated steps, by order k against the fringes (1 lamp, 2 steps, 3 gamma
+        with three steps): the error is the sum of `Re(r_k exp(-i k phase))`, rad; empty where it was not measured.
+    notes
+        What could not be looked at, and why.
+    """
+
+    findings: tuple[Finding, ...]
+    map: PhaseMap
+    period: FringePeriod | None
+    steps: StepEstimate | None
+    wave: Waveform | None
+    ripple: dict[int, complex]
+    notes: tuple[str, ...]
+
+    @property
+    def ripple_rad(self) -> dict[int, float]:
+        """Return the amplitude of each order of ripple, rad."""
+        return {order: abs(value) for order, value in self.ripple.items()}
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the findings."""
+        return tuple(finding.name for finding in self.findings)
+
+
+def diagnose(
+    frames: ArrayLike,
+    steps_rad: ArrayLike,
+    *,
+    white_level: float | None = None,
+    reference: ArrayLike | None = None,
+    mask: ArrayLike | None = None,
+    mm_per_rad: float | None = None,
+) -> Diagnosis:
+    """Look for every fault that phase-shifted frames can show.
+
+    Parameters
+    ----------
+    frames
+        Grey values, (N, H, W), best of the bare plate; of an object, what is smooth in it is used.
+    steps_rad
+        Stated steps, rad, (N,).
+    white_level
+        Saturation, grey levels; by default the largest of an integer type.
+    reference
+        Frames of the bare plate, (N, H, W), where `frames` show an object: a swap of three frames can only be
+        seen against them.
+    mask
+        True where the surface is smooth, (H, W).
+    mm_per_rad
+        Height that one radian stands for, to state costs in mm.
+
+    Raises
+    ------
+    PhaseError
+        Frames and steps that do not fit together, as in `demodulate`.
+    """
+    grey = np.asarray(frames)
+    steps = np.asarray(steps_rad, np.float64).ravel()
+    # A misfit is a symptom here, and no reason to look away.
+    map_ = demodulate(grey, steps, white_level=white_level, max_misfit=np.inf)
+    evidence = _with_reference(Evidence(sparse(grey), steps, map_), grey, reference, white_level)
+    notes: list[str] = []
+    ripple: dict[int, complex] = {}
+    try:
+        evidence = replace(evidence, period=fringe_period(map_.phase, map_.valid))
+        found, blocks = steps_and_blocks(grey, steps, mask=mask, white_level=white_level)
+        evidence = replace(evidence, steps=found, blocks=blocks, wave=waveform_of_blocks(blocks))
+        ripple = _ripple(measure_blocks(grey, map_, mask))
+    except PhaseError as error:
+        notes.append(f"steps, brightness and wave shape could not be looked at: {error}")
+    notes += smoothed_noise(map_, evidence.steps)
+    findings = [finding for test in TESTS for finding in test(evidence)]
+    fatal = [finding for finding in findings if finding.name in _FATAL]
+    return Diagnosis(
+        tuple(_priced(fatal or findings, mm_per_rad)),
+        map_,
+        evidence.period,
+        evidence.steps,
+        evidence.wave,
+        ripple,
+        tuple(notes),
+    )
+
+
+def _with_reference(
+    evidence: Evidence, grey: NDArray, reference: ArrayLike | None, white_level: float | None
+) -> Evidence:
+    """Add what the reference shows, if there is one of the same size."""
+    if reference is None:
+        return evidence
+    plate = np.asarray(reference)
+    if plate.shape != grey.shape:
+        raise PhaseError(f"the reference has frames of shape {plate.shape}, the set {grey.shape}: they must be equal")
+    map_ = demodulate(plate, evidence.steps_rad, white_level=white_level, max_misfit=np.inf)
+    both = sparse(np.concatenate([grey, plate]))
+    try:
+        period = fringe_period(map_.phase, map_.valid)
+    except PhaseError:
+        period = None
+    return replace(evidence, frames=both[: len(grey)], reference=both[len(grey) :], reference_period=period)
+
+
+def _ripple(blocks: list[Block]) -> dict[int, complex]:
+    """Return each order of ripple, the median over the blocks of either part."""
+    if not blocks:
+        return {}
+    ripples = np.array([block.ripple for block in blocks])
+    middle = np.median(ripples.real, axis=0) + 1j * np.median(ripples.imag, axis=0)
+    return dict(zip(RIPPLE_ORDERS, middle.tolist(), strict=True))
+
+
+def _priced(findings: list[Finding], mm_per_rad: float | None) -> list[Finding]:
+    """Sort findings by cost and state it in mm too."""
+    ordered = sorted(findings, key=lambda finding: -(finding.cost_rad or 0.0))
+    if mm_per_rad is None:
+        return ordered
+    return [
+        finding if finding.cost_rad is None else replace(finding, cost_mm=finding.cost_rad * abs(mm_per_rad))
+        for finding in ordered
+    ]

@@ -1,0 +1,86 @@
+"""What the doctor's tests look at, and what they say of it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.phase.demodulation.blocks import Block
+from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.demodulation.fringe_period import FringePeriod
+from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.waveform import Waveform
+
+SIGNIFICANT = 4.0
+"""Standard uncertainties beyond which a deviation is believed."""
+
+_SAMPLES_ALONG = 160
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong.
+
+    Parameters
+    ----------
+    name
+        Short and fixed, for programs and tables.
+    what
+        What the frames show.
+    how_large
+        Its size, in words and numbers.
+    cost_rad
+        What it does to the phase, rms over a fringe, rad; None where pixels are lost rather than wrong.
+    remedy
+        What to do.
+    cost_mm
+        The same as height, mm, where the scale is known.
+    """
+
+    name: str
+    what: str
+    how_large: str
+    cost_rad: float | None
+    remedy: str
+    cost_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the tests look at; what could not be measured is None or empty.
+
+    Parameters
+    ----------
+    frames
+        Sparse sample of the lit part of the picture, grey levels, (N, M).
+    steps_rad
+        Stated steps, rad, (N,).
+    map
+        The set demodulated with them.
+    period, steps, blocks, wave
+        As measured.
+    reference, reference_period
+        The same sample of the reference frames, (N, M), and their fringe period.
+    """
+
+    frames: NDArray[np.float64]
+    steps_rad: NDArray[np.float64]
+    map: PhaseMap
+    period: FringePeriod | None = None
+    steps: StepEstimate | None = None
+    blocks: list[Block] = field(default_factory=list)
+    wave: Waveform | None = None
+    reference: NDArray[np.float64] | None = None
+    reference_period: FringePeriod | None = None
+
+
+def sparse(frames: NDArray) -> NDArray[np.float64]:
+    """Return every so many pixels that are lit and finite, grey levels, (N, M)."""
+    step = max(1, -(-max(frames.shape[1:]) // _SAMPLES_ALONG))
+    sample = frames[:, ::step, ::step].reshape(len(frames), -1).astype(np.float64)
+    level = sample.mean(axis=0)
+    finite = np.isfinite(level)
+    if not finite.any():
+        return np.zeros((len(sample), 1))
+    lit = finite & (level > 0.2 * np.percentile(level[finite], 95))
+    return sample[:, lit if lit.any() else finite]

@@ -1,0 +1,109 @@
+"""What one phase-shifted set shows in one look: phase map, mask, noise, period, and its real steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fringecal.errors import PhaseError
+from fringecal.phase.demodulation.adapted import demodulate_adapted
+from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
+from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.waveform import Waveform
+from fringecal.phase.diagnostics.evidence import Evidence, sparse
+from fringecal.phase.diagnostics.symptoms_frames import misordered
+
+LEAST_VALID = 0.005
+"""Share of a picture that must carry fringes; noise alone looks like some at one pixel in 2000."""
+
+
+@dataclass(frozen=True)
+class PhaseSummary:
+    """A demodulated set and what can be said of it.
+
+    Parameters
+    ----------
+    map
+        The phase map.
+    period
+        Median fringe period, or None where there are no fringes.
+    steps
+        Steps found from the frames, or None where the scene does not allow it.
+    undone
+        What was corrected, one sentence each; empty where the stated model fits.
+    notes
+        Why something is missing, or what to doubt, one sentence each.
+    wave
+        Shape of the fringes that was reckoned with.
+    """
+
+    map: PhaseMap
+    period: FringePeriod | None
+    steps: StepEstimate | None
+    undone: tuple[str, ...]
+    notes: tuple[str, ...]
+    wave: Waveform | None = None
+
+    @property
+    def median_modulation(self) -> float:
+        """Return the median modulation of the valid pixels, grey levels; 0 if there are none."""
+        return float(np.median(self.map.modulation[self.map.valid])) if self.map.valid.any() else 0.0
+
+    @property
+    def median_sigma_rad(self) -> float:
+        """Return the median u(phi) of the valid pixels, rad; pi/sqrt(3), no knowledge, if there are none."""
+        valid = self.map.valid
+        return float(np.median(self.map.sigma[valid])) if valid.any() else float(np.pi / np.sqrt(3))
+
+
+def summarise(
+    frames: ArrayLike, steps_rad: ArrayLike, *, white_level: float | None = None, wave: Waveform | None = None
+) -> PhaseSummary:
+    """Demodulate one set, undo what its frames show to differ from the stated model, and look at the fringe period.
+
+    Parameters
+    ----------
+    frames
+        Grey values, (N, H, W).
+    steps_rad
+        Stated steps, rad, (N,).
+    white_level
+        Saturation, grey levels.
+    wave
+        Shape of the fringes as found on another set of the same projector.
+
+    Raises
+    ------
+    PhaseError
+        Frames and steps that do not fit, as in `demodulate`; a scene without fringes is not an error.
+    """
+    adapted = demodulate_adapted(frames, steps_rad, white_level=white_level, wave=wave)
+    notes = list(adapted.notes)
+    period = None
+    try:
+        period = fringe_period(adapted.map.phase, adapted.map.valid)
+    except PhaseError as error:
+        notes = [str(error)]
+    return PhaseSummary(adapted.map, period, adapted.steps, adapted.undone, tuple(notes), adapted.wave)
+
+
+def demand_phase(summary: PhaseSummary, frames: ArrayLike, steps_rad: ArrayLike) -> None:
+    """Refuse a set that shows no fringes, or whose frames are in another order than their steps.
+
+    Raises
+    ------
+    PhaseError
+        With what was found instead.
+    """
+    steps = np.asarray(steps_rad, np.float64).ravel()
+    swapped = list(misordered(Evidence(sparse(np.asarray(frames)), steps, summary.map)))
+    if swapped and not summary.undone:
+        raise PhaseError(f"{swapped[0].what} ({swapped[0].how_large}): {swapped[0].remedy}")
+    shares = summary.map.shares()
+    if shares["valid"] < LEAST_VALID:
+        causes = ", ".join(f"{k.replace('_', ' ')} {v:.0%}" for k, v in shares.items() if k != "valid" and v >= 0.005)
+        raise PhaseError(
+            f"{shares['valid']:.2%} of the pixels carry fringes ({causes or 'none'}). Needed: pictures of one scene "
+            "with fringes that move by the stated steps; check exposure, lamp and the list of pictures"
+        )

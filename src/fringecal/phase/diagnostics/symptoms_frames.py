@@ -1,0 +1,112 @@
+"""Frames that are not what the list says: copied, taken twice, in another order, or left from before."""
+
+from collections.abc import Iterator
+from itertools import combinations, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.phase.diagnostics.evidence import Evidence, Finding
+
+EQUAL_SHARE = 0.15
+"""Two frames are of one step if they differ by less than this share of what frames of this set differ by."""
+
+_MISORDERED = 0.3
+_MOST_PERMUTED = 6
+
+
+def _differences(frames: NDArray) -> dict[tuple[int, int], float]:
+    """Return the rms difference of every pair of frames."""
+    pairs = combinations(range(len(frames)), 2)
+    return {(i, j): float(np.sqrt(np.mean((frames[i] - frames[j]) ** 2))) for i, j in pairs}
+
+
+def duplicates(evidence: Evidence) -> Iterator[Finding]:
+    """Find frames that show the same step: copies bit by bit (stale), or taken anew (duplicate)."""
+    differences = _differences(evidence.frames)
+    typical = max(differences.values())
+    noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
+    for (i, j), difference in differences.items():
+        apart = np.angle(np.exp(1j * (evidence.steps_rad[i] - evidence.steps_rad[j])))
+        if abs(apart) < 0.1 or difference > EQUAL_SHARE * typical or typical < 3 * noise:
+            continue
+        copied = difference == 0
+        yield Finding(
+            "stale frame" if copied else "duplicate frames",
+            f"frames {i + 1} and {j + 1} are {'the same picture, bit by bit' if copied else 'of the same step'}",
+            f"they differ by {difference:.2f} grey levels rms, others by {typical:.0f}",
+            abs(float(apart)) / np.sqrt(6),
+            "wait for a new picture before storing it, and take the set again"
+            if copied
+            else "the fringes were not moved between them: take the set again",
+        )
+
+
+def misordered(evidence: Evidence) -> Iterator[Finding]:
+    """Find frames in another order than their steps, from the misfit of four frames and more."""
+    n = len(evidence.frames)
+    if n < 4:
+        return
+    steps = evidence.steps_rad
+    design = np.column_stack([np.ones(n), np.cos(steps), -np.sin(steps)])
+    outside = np.eye(n) - design @ np.linalg.pinv(design)
+    power = np.cov(evidence.frames, bias=True)
+    noise = float(evidence.map.noise.sigma(evidence.frames.mean())) ** 2 * (n - 3)
+    as_stated = float(np.trace(outside @ power))
+    orders = list(permutations(range(n))) if n <= _MOST_PERMUTED else list(_exchanges(n))
+    misfits = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
+    # Several orders of evenly spaced steps fit alike: of these, the one that moves the fewest frames.
+    alike = np.flatnonzero(misfits <= 1.05 * misfits.min())
+    best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
+    if misfits.min() < _MISORDERED * as_stated and as_stated > 10 * noise and as_stated > 0.05 * np.trace(power):
+        yield Finding(
+            "swapped frames",
+            f"the frames fit the stated steps in the order {', '.join(str(k + 1) for k in best)}",
+            f"misfit {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(misfits.min() / n):.1f} in that order",
+            float(np.pi / 2),
+            "put the files into the order of steps_deg",
+        )
+
+
+def _exchanges(n: int) -> Iterator[tuple[int, ...]]:
+    """Give all orders in which two of n have changed places."""
+    for i, j in combinations(range(n), 2):
+        order = list(range(n))
+        order[i], order[j] = j, i
+        yield tuple(order)
+
+
+def mirrored(evidence: Evidence) -> Iterator[Finding]:
+    """Find a phase that falls where the reference's rises: three steps in another order look perfect alone."""
+    if evidence.period is None or evidence.reference_period is None:
+        return
+    here, there = (np.array(p.gradient_rad_px) for p in (evidence.period, evidence.reference_period))
+    cosine = float(here @ there / np.hypot(*here) / np.hypot(*there))
+    if cosine < -0.5:
+        yield Finding(
+            "swapped frames",
+            "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
+            f"directions {evidence.period.direction_deg:z.0f} and {evidence.reference_period.direction_deg:z.0f} deg",
+            float(np.pi / np.sqrt(3)),
+            "two frames of one of the sets have changed places, or the fringes were moved the other way: "
+            "check the order of the files",
+        )
+
+
+def foreign(evidence: Evidence) -> Iterator[Finding]:
+    """Find a frame of an object set that still shows the reference."""
+    reference = evidence.reference
+    if reference is None or reference.shape != evidence.frames.shape:
+        return
+    differences = np.sqrt(np.mean((evidence.frames[:, None] - reference) ** 2, axis=2))
+    noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
+    differences = differences.min(axis=1)  # frames in another order are another fault
+    worst, rest = int(differences.argmin()), np.delete(differences, differences.argmin())
+    if differences[worst] < 2 * noise and rest.min() > 4 * max(differences[worst], noise):
+        yield Finding(
+            "stale frame",
+            f"frame {worst + 1} shows the reference and not what the other frames show",
+            f"it differs from the reference by {differences[worst]:.1f} grey levels rms, others by {rest.min():.0f}",
+            float(np.pi / np.sqrt(3)),
+            "take the set again and wait for a new picture after placing the object",
+        )

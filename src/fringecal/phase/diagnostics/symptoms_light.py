@@ -1,0 +1,119 @@
+"""Light that is not what the fringes need: too much, too little contrast, drifting, or no cosine."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.phase.demodulation.demodulate import Reason
+from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
+from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Evidence, Finding
+
+LEAST_GAIN_ERROR = 0.01
+LEAST_BLUR = 0.04
+LEAST_CLIPPING = 0.045
+OF_GAMMA = 0.35
+LEAST_SECOND_HARMONIC = 0.04
+LEAST_RIPPLE_RAD = 0.012
+LEAST_SATURATED = 0.003
+LEAST_CONTRAST = 0.25
+
+
+def saturated(evidence: Evidence) -> Iterator[Finding]:
+    """Find clipped crests: pixels at the white level."""
+    share = float(((evidence.map.reasons & Reason.SATURATED) > 0).mean())
+    if share > LEAST_SATURATED:
+        yield Finding(
+            "saturation",
+            "pixels reach the white level at the crest of the fringes and are masked",
+            f"{share:.1%} of the picture",
+            None,
+            "shorten the exposure or close the aperture until the crests are at 80 % of the white level",
+        )
+
+
+def brightness(evidence: Evidence) -> Iterator[Finding]:
+    """Find frames of other brightness (lamp) or of weaker fringes at the same brightness (vibration)."""
+    if len(evidence.blocks) == 0:
+        return
+    modulation, u_modulation = _relative(np.abs([block.signal for block in evidence.blocks]))
+    background, u_background = _relative(np.array([block.background for block in evidence.blocks]))
+    blurred = modulation - background
+    worst = int(np.abs(background).argmax())
+    if abs(background[worst]) > max(LEAST_GAIN_ERROR, SIGNIFICANT * u_background[worst]):
+        level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
+        error = phase_error(evidence.steps_rad, gains=1 + modulation, offsets=level * background)
+        yield Finding(
+            "lamp drift",
+            f"frame {worst + 1} is {'brighter' if background[worst] > 0 else 'darker'} than the set's mean",
+            f"{background[worst]:+.1%} in background, {modulation[worst]:+.1%} in modulation",
+            ripple_rms(error),
+            "let the lamp warm up, keep room light out; commission, verify and reconstruct undo it",
+        )
+    weakest = int(blurred.argmin())
+    u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
+    if -blurred[weakest] > max(LEAST_BLUR, SIGNIFICANT * u_blurred) and abs(background[worst]) < LEAST_BLUR:
+        yield Finding(
+            "vibration",
+            f"the fringes of frame {weakest + 1} are weaker at the same brightness: they moved while it was exposed",
+            f"{blurred[weakest]:+.1%} in modulation",
+            ripple_rms(phase_error(evidence.steps_rad, gains=1 + modulation)),
+            "let the rig come to rest before each frame, or use a shorter exposure; take the set again",
+        )
+
+
+def _relative(values: NDArray) -> tuple[NDArray, NDArray]:
+    """Return the median deviation of each frame from the mean of its block, and its standard uncertainty."""
+    relative = values / values.mean(axis=1, keepdims=True) - 1
+    centre = np.median(relative, axis=0)
+    spread = 1.4826 * np.median(np.abs(relative - centre), axis=0)
+    return centre, 1.2533 * spread / np.sqrt(len(values))
+
+
+def waveform(evidence: Evidence) -> Iterator[Finding]:
+    """Find fringes that are no cosine: a gamma, or a clipped slide."""
+    wave = evidence.wave
+    if wave is None:
+        return
+    second, third = float(wave.ratios[0].real), float(wave.ratios[1].real)
+    cost = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.ratios))
+    of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
+    clipped = third - of_gamma
+    # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
+    if abs(clipped) > max(LEAST_CLIPPING, SIGNIFICANT * wave.u[1], OF_GAMMA * abs(second)):
+        yield Finding(
+            "clipped slide",
+            "the fringes have flat tops or bottoms: the slide or the projector clips them",
+            f"third harmonic {third:+.1%} of the first, where gamma would give {of_gamma:+.1%}",
+            cost,
+            "lower the contrast of the printed or displayed fringes; take four steps or more",
+        )
+        return
+    harm = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.significant))
+    if harm > LEAST_RIPPLE_RAD or abs(wave.significant[0]) > LEAST_SECOND_HARMONIC:
+        yield Finding(
+            "gamma",
+            "projector or camera does not answer in proportion to light",
+            f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}): second harmonic {second:+.1%} of the first, "
+            f"third {third:+.1%}",
+            cost,
+            "switch gamma off in projector and camera, or take four steps; commission, verify, reconstruct undo it",
+        )
+
+
+def contrast(evidence: Evidence) -> Iterator[Finding]:
+    """Find fringes that are weak against their background."""
+    map_ = evidence.map
+    lit = (map_.reasons & (Reason.DARK | Reason.OUTSIDE | Reason.SATURATED)) == 0
+    if not map_.valid.any():
+        return
+    use = map_.valid & lit
+    ratio = float(np.median(map_.modulation[use] / np.maximum(map_.background[use], 1e-6))) if use.any() else 0.0
+    if ratio < LEAST_CONTRAST:
+        yield Finding(
+            "defocus",
+            "the fringes are weak against their background: out of focus, or drowned in other light",
+            f"modulation is {ratio:.0%} of the background, where a sharp slide gives 60 to 90 %",
+            float(np.median(map_.sigma[use])) if use.any() else None,
+            "focus the projector on the plate, shade the room light",
+        )

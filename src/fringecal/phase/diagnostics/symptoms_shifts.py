@@ -1,0 +1,73 @@
+"""Steps that are not as stated or not the same all over, and fringes too short or too long to be measured."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
+from fringecal.phase.diagnostics.evidence import Evidence, Finding
+
+LEAST_COST_RAD = 0.004
+"""A systematic error of the phase below this (rms) is not worth a word: the noise of one good pixel is 0.01."""
+
+LEAST_PERIOD_PX = 6.0
+LEAST_FRINGES = 4.0
+LEAST_GRADIENT_RAD = np.deg2rad(0.7)
+_CHANCE = 1e-4
+
+
+def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
+    """Find steps that are not as stated, or that change over the field."""
+    steps = evidence.steps
+    if steps is None:
+        return
+    error = phase_error(steps.stated_rad, true_steps_rad=steps.steps_rad)
+    worst = int(np.abs(steps.errors_rad).argmax())
+    sure = abs(steps.errors_rad[worst]) > steps.coverage(_CHANCE) * steps.u_rad[worst]
+    if sure and ripple_rms(error) > LEAST_COST_RAD:
+        found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(steps.steps_rad))
+        yield Finding(
+            "wrong steps",
+            f"the frames' steps are {found} deg",
+            f"up to {np.rad2deg(steps.errors_rad[worst]):+z.2f} deg (u {np.rad2deg(steps.u_rad[worst]):.2f}) "
+            "from those stated",
+            ripple_rms(error),
+            "state the found steps; or set the mirror more finely",
+        )
+    height, width = evidence.map.phase.shape
+    change = steps.field_change_rad_px((height, width))
+    largest = float(np.abs(change * [width, height]).max())
+    if largest > LEAST_GRADIENT_RAD:
+        yield Finding(
+            "uneven steps",
+            "a step is not the same all over the field: the fringes turned or stretched as they were moved",
+            f"{np.rad2deg(largest):.2f} deg from edge to edge",
+            largest / 2 / np.sqrt(6),
+            "set the mirror more finely; commission, verify and reconstruct undo what is linear over the field",
+        )
+
+
+def sampling(evidence: Evidence) -> Iterator[Finding]:
+    """Find fringes too short for the camera or too long for the picture."""
+    period = evidence.period
+    if period is None:
+        return
+    height, width = evidence.map.phase.shape
+    direction = np.deg2rad(period.direction_deg)
+    length = width * abs(np.cos(direction)) + height * abs(np.sin(direction))
+    if period.period_px < LEAST_PERIOD_PX:
+        yield Finding(
+            "too few pixels per fringe",
+            "a pixel averages over a large part of a fringe, and edges mix fringes",
+            f"{period.period_px:.1f} px per fringe; 8 to 40 are good",
+            None,
+            "use a coarser slide or a closer camera",
+        )
+    elif length / period.period_px < LEAST_FRINGES:
+        yield Finding(
+            "too many pixels per fringe",
+            "there are few fringes in the picture: a height moves the phase little",
+            f"{period.period_px:.0f} px per fringe, {length / period.period_px:.1f} fringes in the picture",
+            None,
+            "use a finer slide; keep this one for the fringe order",
+        )

@@ -1,0 +1,1 @@
+"""Fringe orders from further fringe periods, Gray code, or a known range of heights."""

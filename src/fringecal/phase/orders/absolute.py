@@ -1,0 +1,118 @@
+"""From orders that are known within a cycle of fringes to one phase over the whole picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from fringecal.errors import PhaseError
+from fringecal.phase.orders.multi_period import FringeOrders
+from fringecal.phase.orders.order_kernels import hang_together
+from fringecal.phase.unwrapping.spatial import Unwrapped
+
+_TWO_PI = 2 * np.pi
+_CONTINUES_RAD = 2.0  # most that neighbours on one surface differ by
+_SMOOTH_RAD, _SMOOTH_SIGMAS = 0.6, 6.0  # bend of a surface; more is an edge
+_BESIDE_EDGE = 0.01  # of the picture's shorter side: kept off edges, so that no gap in one is passed
+_EDGE = 1e-4  # share of the largest piece at either end of its range that may be an error
+
+
+@dataclass(frozen=True)
+class AbsolutePhase:
+    """A phase of one count over the whole picture.
+
+    Parameters
+    ----------
+    phase
+        Absolute phase of the shortest fringe, rad, float64, (H, W); NaN where masked or undecided.
+    fringes
+        Fringes from the least to the largest.
+    in_one_cycle
+        True if the picture holds no more fringes than the periods tell apart: every pixel then stands for itself.
+        If not, only what hangs together with the largest piece is counted.
+    undecided
+        Share of the pixels with an order whose cycle is open.
+    """
+
+    phase: NDArray[np.float64]
+    fringes: float
+    in_one_cycle: bool
+    undecided: float
+
+    def sentence(self) -> str:
+        """Say which parts of the picture are counted together."""
+        if self.in_one_cycle:
+            return f"{self.fringes:.1f} fringes in the picture, within one cycle: every pixel is decided by itself"
+        return (
+            f"{self.fringes:.1f} fringes in the picture, more than one cycle: {self.undecided:.2%} of the pixels do "
+            "not hang together with the largest piece and stay undecided by whole cycles; add a longer period"
+        )
+
+
+def pieces_in_cycles(phase: NDArray[np.floating], cycle: int) -> Unwrapped:
+    """Return the pieces that hang together, each without jumps of whole cycles.
+
+    Parameters
+    ----------
+    phase
+        Phase that is known up to cycles, rad, (H, W); NaN where masked.
+    cycle
+        Fringes of a cycle.
+
+    Notes
+    -----
+    Along an edge of the surface the jump changes, and somewhere it is a whole number of cycles. So pieces keep off
+    edges by 1 % of the picture's shorter side: a gap in an edge that is narrower than twice as much is not passed.
+    """
+    turn = _TWO_PI * cycle
+    bend = _bend(phase, turn)
+    finite = bend[np.isfinite(bend)]
+    noise = 1.4826 * float(np.median(finite)) if finite.size else 0.0
+    rough = ndimage.uniform_filter((bend > max(_SMOOTH_RAD, _SMOOTH_SIGMAS * noise)).astype(np.float32), 3) > 0.3
+    reach = max(2, round(_BESIDE_EDGE * min(phase.shape)))
+    inner = ndimage.distance_transform_edt(~rough) > reach if rough.any() else np.ones(phase.shape, bool)
+    return Unwrapped(*hang_together(np.where(inner, phase, np.nan), turn, _CONTINUES_RAD))
+
+
+def _bend(phase: NDArray[np.floating], turn: float) -> NDArray[np.float64]:
+    """Return the larger of both second differences at each pixel, up to whole cycles; NaN at masked neighbours."""
+    bends = np.full((2, *phase.shape), np.nan)
+    bends[0, :, 1:-1] = phase[:, 2:] - 2 * phase[:, 1:-1] + phase[:, :-2]
+    bends[1, 1:-1] = phase[2:] - 2 * phase[1:-1] + phase[:-2]
+    return np.fmax(*np.abs(bends - turn * np.rint(bends / turn)))
+
+
+def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
+    """Count fringes over the whole picture.
+
+    Parameters
+    ----------
+    orders
+        Orders within a cycle.
+
+    Notes
+    -----
+    If the largest piece (`pieces_in_cycles`) stays within one cycle, all pixels are put into the same one; else the
+    cycles that the others are in are open.
+
+    Raises
+    ------
+    PhaseError
+        No order is decided anywhere.
+    """
+    known = np.isfinite(orders.phase)
+    if not known.any():
+        raise PhaseError("no order is decided at any pixel: less noise, or periods further apart, are needed")
+    turn = _TWO_PI * orders.cycle
+    found = pieces_in_cycles(orders.phase, orders.cycle)
+    sizes = np.bincount(found.pieces.ravel(), minlength=2)
+    sizes[0] = 0
+    main = found.pieces == sizes.argmax()
+    low, high = np.quantile(found.phase[main], [_EDGE, 1 - _EDGE]) if main.any() else (0.0, np.inf)
+    in_one_cycle = bool(high - low < turn)
+    phase = np.where(main, found.phase, np.nan)
+    if in_one_cycle:
+        phase = orders.phase - turn * np.rint((orders.phase - (low + high) / 2) / turn)
+    left = np.isfinite(phase)
+    return AbsolutePhase(phase, float((high - low) / _TWO_PI), in_one_cycle, float(1 - left.sum() / known.sum()))

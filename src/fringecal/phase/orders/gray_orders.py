@@ -1,0 +1,137 @@
+"""Fringe orders from a Gray code taken beside the fringes: how code and fringes lie to one another is found."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError
+from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.orders import order_kernels
+from fringecal.phase.orders.gray import decode_gray
+from fringecal.phase.orders.multi_period import FringeOrders
+
+_TWO_PI = 2 * np.pi
+_LEAST_EDGES = 50  # pixels at which the code goes on by one
+_AGREED = 0.5  # length of a mean direction; that of phases spread evenly over half a turn is 0.64
+_BESIDE_EDGE_RAD = 0.9  # about a seventh of a fringe: what blur and noise move an edge by
+_LEAST_DECIDED = 0.5
+_ROUNDS = 3
+
+
+def orders_by_gray(map_: PhaseMap, frames: ArrayLike) -> FringeOrders:
+    """Decide the order of fringes by a Gray code.
+
+    Parameters
+    ----------
+    map_
+        The fringes' phase; background and modulation say what is bright and dark in the code's frames.
+    frames
+        Gray-code frames, (K, H, W), the coarsest bit first.
+
+    Notes
+    -----
+    A code of one number for each fringe goes on at one phase, whatever it is: that is found at its edges, and pixels
+    within 0.9 rad of it take the order that continues their neighbours. A code of m numbers for each fringe needs
+    no neighbours.
+
+    Raises
+    ------
+    PhaseError
+        Frames of another size, or a code that does not go with the fringes.
+    """
+    code, valid = decode_gray(frames, map_.background + map_.modulation, map_.background - map_.modulation)
+    valid &= map_.valid
+    steps, edge_phase = _edges(code, valid, map_.phase)
+    per_fringe = _numbers_per_fringe(code, valid, map_.phase, steps)
+    rising = np.sign(per_fringe)
+    number = rising * code
+    if abs(per_fringe) == 1:
+        # Counted from the phase at which the code goes on; its turn is cut where no sensible code has its edges.
+        start = _cut(_mean_angle(edge_phase))
+        rough = _TWO_PI * (number + 0.5) + start
+    else:
+        rough = _TWO_PI * (number + 0.5) / abs(per_fringe)
+        start = _cut(_mean_angle((map_.phase - rough)[valid]))
+        rough = rough + start
+    turns = (rough - map_.phase) / _TWO_PI
+    clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - _BESIDE_EDGE_RAD / _TWO_PI * (abs(per_fringe) == 1))
+    cycle = max(2 ** len(np.asarray(frames)) // abs(per_fringe), 1)
+    lower = np.where(valid, map_.phase + _TWO_PI * np.floor(turns), np.nan)
+    return _orders(np.where(clear, map_.phase + _TWO_PI * np.rint(turns), np.nan), lower, map_, cycle)
+
+
+def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int) -> FringeOrders:
+    """Let pixels beside the code's edges continue their neighbours, and count what stays open."""
+    known = clear.astype(np.float32)
+    for _ in range(_ROUNDS):
+        known = order_kernels.chosen(known, lower.astype(np.float32))
+    known[order_kernels.alone(known, _TWO_PI * cycle)] = np.nan
+    count = max(int(map_.valid.sum()), 1)
+    decided = np.isfinite(known)
+    if decided.sum() < _LEAST_DECIDED * count:
+        raise PhaseError(
+            f"the Gray code decides the order of {decided.sum() / count:.0%} of the pixels only: check that it was "
+            "taken of the same scene, the coarsest bit first, bright where the bit is 1"
+        )
+    asked = float((decided & np.isnan(clear)).sum() / count)
+    return FringeOrders(known, cycle, (), (), 0.0, asked, float((map_.valid & ~decided).sum() / count))
+
+
+def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray) -> tuple[NDArray, NDArray]:
+    """Return steps of one of the code between neighbours with the phase's change there, and the phase at them."""
+    changes, phases = [], []
+    for axis in (0, 1):
+        first, second = (np.take(code, range(k, code.shape[axis] - 1 + k), axis) for k in (0, 1))
+        here, there = (np.take(phase, range(k, code.shape[axis] - 1 + k), axis) for k in (0, 1))
+        both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
+        at = both & (np.abs(second - first) == 1)
+        change = np.angle(np.exp(1j * (there[at] - here[at])))
+        changes.append((second - first)[at] * change)
+        phases.append(here[at] + change / 2)
+    found = np.concatenate(changes)
+    if found.size < _LEAST_EDGES:
+        raise PhaseError(
+            f"the Gray code goes on by one at {found.size} pixels only: check that its frames show the same scene, "
+            "the coarsest bit first"
+        )
+    return found, np.concatenate(phases)
+
+
+def _numbers_per_fringe(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, steps: NDArray) -> int:
+    """Return the code's numbers for each fringe, negative if it falls where the phase rises."""
+    total = code_steps = 0.0
+    for axis in (0, 1):
+        both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
+        change, step = np.diff(phase, axis=axis), np.diff(code, axis=axis)
+        change = np.angle(np.exp(1j * change))
+        small = both & (np.abs(step) <= 1)  # over an edge of the surface nothing is to be learned
+        total += float(np.abs(change[small]).sum())
+        code_steps += float(np.abs(step[small]).sum())
+    ratio = _TWO_PI * code_steps / max(total, 1e-9)
+    nearest = max(1, round(ratio))
+    if not 0.6 < ratio / nearest < 1.5:
+        raise PhaseError(
+            f"the Gray code has {ratio:.2f} numbers for each fringe; needed: one, or a whole number of them"
+        )
+    return nearest if np.sum(steps > 0) >= np.sum(steps < 0) else -nearest
+
+
+def _mean_angle(phase: NDArray) -> float:
+    """Return the mean direction of phases, rad.
+
+    Raises
+    ------
+    PhaseError
+        They have none: code and fringes do not belong together.
+    """
+    mean = np.mean(np.exp(1j * phase))
+    if abs(mean) < _AGREED:
+        raise PhaseError(
+            "the Gray code goes on at any phase of the fringes: check that both were taken of one scene, and the order "
+            "of the code's frames (the coarsest bit first)"
+        )
+    return float(np.angle(mean))
+
+
+def _cut(angle: float) -> float:
+    """Return an angle in (-3/2 pi, pi/2]: codes begin where the phase is 0, or where it jumps, and never at the cut."""
+    return angle - _TWO_PI if angle > np.pi / 2 else angle

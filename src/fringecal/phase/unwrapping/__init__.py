@@ -1,0 +1,1 @@
+"""From wrapped phase to phase that is continuous over a region."""

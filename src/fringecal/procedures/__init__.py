@@ -1,1 +1,0 @@
-"""One function per written procedure; each calls the rooms in order."""

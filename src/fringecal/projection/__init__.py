@@ -1,1 +1,0 @@
-"""The rig: phase in space, its joint fit and the projection angle."""

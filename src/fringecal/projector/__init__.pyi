@@ -1,0 +1,147 @@
+from .advice import (
+    Advice as Advice,
+)
+from .advice import (
+    advise as advise,
+)
+from .angle.angle_table import (
+    ColumnAngle as ColumnAngle,
+)
+from .angle.angle_table import (
+    both_axes as both_axes,
+)
+from .angle.angle_theory import (
+    LAMP_CHANCE as LAMP_CHANCE,
+)
+from .angle.angle_theory import (
+    Displacement as Displacement,
+)
+from .angle.angle_theory import (
+    displacement as displacement,
+)
+from .angle.angle_theory import (
+    projector_estimates as projector_estimates,
+)
+from .angle.angle_theory import (
+    reflected_source as reflected_source,
+)
+from .angle.angle_theory import (
+    seen_axes as seen_axes,
+)
+from .angle.breaks import (
+    OFF as OFF,
+)
+from .angle.breaks import (
+    Breaks as Breaks,
+)
+from .angle.phase_breaks import (
+    phase_breaks as phase_breaks,
+)
+from .angle.phase_breaks import (
+    runs_along_rows as runs_along_rows,
+)
+from .angle.picture_breaks import (
+    PictureEstimator as PictureEstimator,
+)
+from .angle.picture_breaks import (
+    picture_breaks as picture_breaks,
+)
+from .angle.projection_angle import (
+    ProjectorPosition as ProjectorPosition,
+)
+from .angle.projection_angle import (
+    angle_estimate as angle_estimate,
+)
+from .angle.projection_angle import (
+    angles_at_origin as angles_at_origin,
+)
+from .angle.projection_angle import (
+    apparent_angle as apparent_angle,
+)
+from .angle.projection_angle import (
+    fringe_pitch_mm as fringe_pitch_mm,
+)
+from .angle.projection_angle import (
+    projection_angle as projection_angle,
+)
+from .height_models import (
+    HEIGHT_MODELS as HEIGHT_MODELS,
+)
+from .height_models import (
+    height_changes as height_changes,
+)
+from .height_models import (
+    height_model as height_model,
+)
+from .joint_fit import (
+    RigFit as RigFit,
+)
+from .moves import (
+    MOST_SETS as MOST_SETS,
+)
+from .moves import (
+    RigState as RigState,
+)
+from .moves import (
+    has_lamp as has_lamp,
+)
+from .moves import (
+    moved as moved,
+)
+from .orders.order_decision import (
+    OrderDecision as OrderDecision,
+)
+from .orders.strip_orders import (
+    MeasuredStep as MeasuredStep,
+)
+from .orders.strip_orders import (
+    OrderedStrips as OrderedStrips,
+)
+from .orders.strip_orders import (
+    order_strips as order_strips,
+)
+from .orders.whole_fringes import (
+    explained as explained,
+)
+from .rig_calibration import (
+    Mode as Mode,
+)
+from .rig_calibration import (
+    Observations as Observations,
+)
+from .rig_calibration import (
+    RigCalibration as RigCalibration,
+)
+from .rig_calibration import (
+    calibrate_rig as calibrate_rig,
+)
+from .rig_model import (
+    RIG_NAMES as RIG_NAMES,
+)
+from .rig_model import (
+    PlateResidual as PlateResidual,
+)
+from .rig_model import (
+    RigModel as RigModel,
+)
+from .sampling import (
+    pick_points as pick_points,
+)
+from .standards.artefact_phase import (
+    ArtefactPhase as ArtefactPhase,
+)
+from .standards.artefact_phase import (
+    observe_artefact as observe_artefact,
+)
+from .standards.artefact_phase import (
+    observe_strips as observe_strips,
+)
+from .standards.strip_phase import (
+    StripPhase as StripPhase,
+)
+from .standards.strip_phase import (
+    measure_strips as measure_strips,
+)
+from .standards.strip_phase import (
+    numberings as numberings,
+)

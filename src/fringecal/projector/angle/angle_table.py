@@ -1,0 +1,225 @@
+"""Table 3.5: the projection angle by columns and by rows, from the fringes' breaks; theory (3.6) beside it."""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import PlateCamera
+from fringecal.projector.angle.angle_theory import theoretical_apparent
+from fringecal.projector.angle.breaks import Breaks
+from fringecal.projector.angle.projection_angle import (
+    ProjectorPosition,
+    apparent_angle,
+    projection_angle,
+    projection_tangent,
+    theoretical_angle,
+)
+from fringecal.projector.rig_calibration import RigCalibration
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+Axis = Literal["u", "v"]
+
+_MIN_BREAKS = 4
+_PLACES = 9  # columns or rows along strips
+SCATTER = "phase scatter"  # the cause of a calibration's budget that the breaks' own scatter replaces
+
+
+@dataclass(frozen=True)
+class ColumnAngle:
+    """The projection angle at one picture column on the line y = 0, or at one row on x = 0; deg from the normal.
+
+    `axis` says which: "u" for a column, "v" for a row; `u_px` is then the row, `x_mm` the place along y. Shifts are
+    means over the breaks as they are, angles are brought to the line. `apparent` and its theory hold the camera's own
+    angle.
+    """
+
+    u_px: float
+    x_mm: float
+    breaks: int
+    shift_px: float
+    shift_mm: float
+    angle: Estimate
+    apparent_deg: float
+    theory: Estimate | None
+    theory_apparent: Estimate | None = None
+    axis: Axis = "u"
+
+    @property
+    def difference_deg(self) -> float | None:
+        """Measured minus theoretical angle."""
+        return None if self.theory is None else self.angle.value - self.theory.value
+
+    @property
+    def en(self) -> float | None:
+        """Difference over the root sum of squares of the two expanded uncertainties (95 %)."""
+        if self.theory is None or self.difference_deg is None:
+            return None
+        return self.difference_deg / math.hypot(self.angle.expanded().U, self.theory.expanded().U)
+
+
+def axis_angles(
+    calibration: RigCalibration,
+    breaks: Breaks,
+    places_px: Array,
+    *,
+    half_width_px: float,
+    axis: Axis = "u",
+    by_fringe: bool = False,
+    projector: ProjectorPosition | None = None,
+) -> tuple[ColumnAngle, ...]:
+    """Return the angle that the breaks near each column show, brought to the line y = 0 (or near each row, to x = 0).
+
+    Parameters
+    ----------
+    calibration
+        The rig; its slope brings each break to the line, its causes other than scatter are added to u.
+    breaks
+        The breaks; those that are "off" do not count.
+    places_px
+        Columns (rows) to report.
+    half_width_px
+        Breaks that lie no further from a column count for it.
+    axis
+        "u" for columns, "v" for rows.
+    by_fringe
+        True where breaks of one fringe err alike on all strips (thinned lines).
+    projector
+        The stated position, for theory.
+    """
+    reduced = breaks.tangent - projection_tangent(calibration.model, breaks.x_mm, breaks.y_mm)
+    along = breaks.u_px if axis == "u" else breaks.v_px
+    cluster = np.rint(2 * breaks.fringe).astype(np.intp)
+    if not by_fringe:
+        cluster = cluster + 1_000_000 * breaks.strip
+    near = [(np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced) for place in places_px]
+    kept = [(float(p), n) for p, n in zip(places_px, near, strict=True) if np.count_nonzero(n) >= _MIN_BREAKS]
+    points = [point_on_axis(calibration.camera, place, axis) for place, _ in kept]
+    shared = _shared_u_deg(calibration, points)
+    rows = []
+    for (place, some), point, u_deg in zip(kept, points, shared, strict=True):
+        offset = clustered_mean(reduced[some], cluster[some])
+        seen = int(np.count_nonzero(some)), float(np.mean(breaks.shift_px[some])), float(np.mean(breaks.shift_mm[some]))
+        row = _Row(place, axis, point, seen, offset, float(u_deg))
+        rows.append(_tabulated(calibration, row, projector))
+    return tuple(rows)
+
+
+def both_axes(
+    calibration: RigCalibration,
+    breaks: Breaks,
+    *,
+    by_fringe: bool = False,
+    projector: ProjectorPosition | None = None,
+) -> tuple[tuple[ColumnAngle, ...], tuple[ColumnAngle, ...]]:
+    """Tabulate breaks by column and by row: at each strip across the strips, at even places along them."""
+
+    def table(axis: Axis, along_px: Array) -> tuple[ColumnAngle, ...]:
+        places, half = _places(along_px, breaks.strip)
+        return axis_angles(
+            calibration, breaks, places, half_width_px=half, axis=axis, by_fringe=by_fringe, projector=projector
+        )
+
+    return table("u", breaks.u_px), table("v", breaks.v_px)
+
+
+def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
+    """Return where to tabulate, and half of the width: at the strips if they stand side by side here."""
+    groups = [along_px[strip == k] for k in np.unique(strip)]
+    centres = np.array([float(np.mean(g)) for g in groups])
+    apart = float(np.min(np.diff(np.sort(centres)))) if centres.size > 1 else 0.0
+    if apart > 2 * max(float(np.std(g)) for g in groups):
+        return np.sort(centres), apart / 2
+    low, high = np.percentile(along_px, [2, 98])
+    width = (high - low) / _PLACES
+    return low + width * (np.arange(_PLACES) + 0.5), width / 2
+
+
+@dataclass(frozen=True)
+class _Row:
+    """What one row is made of: place, point on the line, breaks and mean shifts, offset of the breaks, shared u."""
+
+    place_px: float
+    axis: Axis
+    point_mm: tuple[float, float]
+    seen: tuple[int, float, float]
+    offset: tuple[float, float, float]
+    shared_u_deg: float
+
+
+def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> ColumnAngle:
+    x, y = row.point_mm
+    tangent = float(projection_tangent(calibration.model, x, y))
+    mean, u, dof = row.offset
+    scatter_deg = math.degrees(u / (1 + tangent**2))
+    angle = _with_causes(math.degrees(math.atan(tangent + mean)), scatter_deg, dof, row.shared_u_deg)
+    apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + mean
+    stated = () if projector is None else (calibration.model, projector)
+    breaks, shift_px, shift_mm = row.seen
+    return ColumnAngle(
+        u_px=row.place_px,
+        x_mm=x if row.axis == "u" else y,
+        breaks=breaks,
+        shift_px=shift_px,
+        shift_mm=shift_mm,
+        angle=angle,
+        apparent_deg=math.degrees(math.atan(apparent)),
+        theory=theoretical_angle(*stated, x, y) if stated else None,
+        theory_apparent=theoretical_apparent(*stated, calibration.camera, x, y) if stated else None,
+        axis=row.axis,
+    )
+
+
+def _shared_u_deg(calibration: RigCalibration, points_mm: list[tuple[float, float]]) -> Array:
+    """Return u of the angle in deg at each point by the causes that all breaks share."""
+    x, y = np.array(points_mm).reshape(-1, 2).T
+    changes = calibration.changes(lambda c: projection_angle(c.model, x, y))
+    shared = [mode.label != SCATTER for mode in calibration.modes]
+    return np.asarray(np.degrees(np.linalg.norm(changes[shared], axis=0)))
+
+
+def _with_causes(value_deg: float, scatter_deg: float, dof: float, shared_deg: float) -> Estimate:
+    """Join the breaks' own scatter with the causes that all breaks share; degrees of freedom by Welch-Satterthwaite."""
+    u = math.hypot(scatter_deg, shared_deg)
+    effective = dof * (u / scatter_deg) ** 4 if scatter_deg > 0 else math.inf
+    return Estimate(value_deg, u, "deg", "projection angle", effective)
+
+
+def point_on_axis(camera: PlateCamera, place_px: float, axis: Axis = "u") -> tuple[float, float]:
+    """Return the plate point (x, y), mm, at which a picture column crosses y = 0 (or a row crosses x = 0)."""
+    other = camera.centre_px[1 if axis == "u" else 0]
+
+    def rays(at: float) -> tuple[float, float]:
+        ray = camera.rays(place_px, at) if axis == "u" else camera.rays(at, place_px)
+        x, y = float(ray.ax), float(ray.ay)
+        return (x, y) if axis == "u" else (y, x)
+
+    for _ in range(4):
+        off, further = rays(other)[1], rays(other + 1.0)[1]
+        other -= off / (further - off)
+    on, off = rays(other)
+    return (on, off) if axis == "u" else (off, on)
+
+
+def clustered_mean(values: Array, cluster: NDArray[np.intp]) -> tuple[float, float, float]:
+    """Return the mean, its u from the scatter of the clusters' means, and degrees of freedom.
+
+    Examples
+    --------
+    >>> mean, u, dof = clustered_mean(np.array([1.0, 1.0, 3.0, 3.0]), np.array([0, 0, 1, 1]))
+    >>> mean, round(u, 6), dof
+    (2.0, 1.0, 1.0)
+    """
+    _, index = np.unique(cluster, return_inverse=True)
+    weight = np.bincount(index).astype(float)
+    means = np.bincount(index, weights=values) / weight
+    mean = float(np.average(means, weights=weight))
+    number = means.size
+    if number < 2:
+        return mean, abs(mean), 1.0
+    share = weight / weight.sum()
+    u = math.sqrt(float(np.sum((share * (means - mean)) ** 2)) * number / (number - 1))
+    return mean, u, number - 1.0

@@ -1,0 +1,205 @@
+"""Table 3.6: the angle that measured positions of lamp, mirror and camera ask for; and where the lamp really stands."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import special
+
+from fringecal.camera import PlateCamera
+from fringecal.errors import FitError
+from fringecal.projector.angle.projection_angle import ProjectorPosition, across_fringe, theoretical_tangent
+from fringecal.projector.rig_calibration import RigCalibration
+from fringecal.projector.rig_model import RigModel, projector_line
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+
+LAMP_CHANCE = 0.05  # a displacement that chance explains less often than this is found
+_ALONG = 0.71  # share of a coordinate in the line's direction beyond which the line runs along it
+_WORDS = (("right", "left"), ("up", "down"), ("higher", "lower"))
+
+
+@dataclass(frozen=True)
+class Displacement:
+    """How far the projector found stands from where it is said to stand.
+
+    Parameters
+    ----------
+    found_mm
+        Point of the projector's line nearest to the stated position: along the line, which runs along the fringes,
+        nothing can be said.
+    difference_mm
+        Found minus stated, plate frame.
+    covariance
+        Of the difference, mm^2: the fit's and the stated position's together.
+    line
+        Unit vector along the line.
+    probability
+        Chance of a difference as large as this if the position is as stated (chi-squared, two degrees of freedom).
+    """
+
+    found_mm: Array
+    difference_mm: Array
+    covariance: Array
+    line: Array
+    probability: float
+
+    @property
+    def agrees(self) -> bool:
+        """Tell whether chance explains the difference, at 5 %."""
+        return self.probability >= LAMP_CHANCE
+
+    @property
+    def u_mm(self) -> Array:
+        """Standard uncertainty of each coordinate of the difference."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)))
+
+    def sentence(self) -> str:
+        """Say plainly whether the lamp stands where it is said to stand, and if not, how far off and which way."""
+        chance = f"chance {self.probability:.2g}"
+        if self.agrees:
+            return f"The measured geometry agrees with the stated position of the lamp ({chance})."
+        seen = [i for i in range(3) if abs(self.line[i]) < _ALONG]
+        sure = [i for i in seen if abs(self.difference_mm[i]) > 2 * self.u_mm[i]]
+        if sure:
+            parts = " and ".join(_named(i, self.difference_mm[i], self.u_mm[i]) for i in sure)
+            return f"The lamp stands {parts} than stated ({chance}); or the strips' height is not as stated."
+        size, axis = self._surest()
+        parts = " or ".join(f"{abs(size / axis[i]):.0f} mm {_word(i, size * axis[i])}" for i in _largest(axis))
+        return (
+            f"The lamp stands about {abs(size):.0f} mm off across its line to the plate: about {parts} than stated, "
+            f"which of the two the breaks cannot tell ({chance}); or the strips' height is not as stated."
+        )
+
+    def _surest(self) -> tuple[float, Array]:
+        """Size of the difference along the direction in which it is most significant, and that direction."""
+        values, vectors = np.linalg.eigh(self.covariance + 1e12 * np.outer(self.line, self.line))
+        along = vectors.T @ self.difference_mm
+        best = int(np.argmax(along**2 / values))
+        return float(along[best]), vectors[:, best]
+
+
+def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Displacement:
+    """Compare the projector found with its stated position.
+
+    Raises
+    ------
+    FitError
+        Parallel light: there is no position to be compared.
+    """
+    point, line = projector_line(calibration.model.parameters)
+    if not np.all(np.isfinite(point)) or not np.all(np.isfinite(line)):
+        raise FitError("The light is parallel as far as the plate tells: the projector has no position to compare.")
+    found = _nearest(point, line, stated.value_mm)
+    across = np.eye(3) - np.outer(line, line)
+    effects = [
+        across @ (_nearest(*projector_line(calibration.shifted(m).model.parameters), stated.value_mm) - found)
+        for m in calibration.modes
+    ]
+    covariance = sum((np.outer(e, e) for e in effects), np.diag(stated.u_mm**2))
+    covariance = across @ covariance @ across
+    difference = found - stated.value_mm
+    squared = float(difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference)
+    return Displacement(found, difference, covariance, line, float(special.chdtrc(2, squared)))
+
+
+def seen_axes(model: RigModel) -> tuple[bool, ...]:
+    """Tell which coordinates (x, y, z) of the projector its fringes see: not the one along which its line runs.
+
+    Examples
+    --------
+    >>> seen_axes(RigModel(np.array([0.6, 0, -0.7, 0, 0, 0, -0.001]), np.array([1200.0, 0, 1000])))
+    (True, False, True)
+    """
+    _, line = projector_line(model.parameters)
+    return tuple(bool(abs(part) < _ALONG) for part in line)
+
+
+def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition | None = None) -> tuple[Estimate, ...]:
+    """Return x, y and z of the projector's point, mm; none where its light is parallel.
+
+    The coordinate along which its line runs is not seen by the fringes: it has the stated value and uncertainty.
+    """
+    if not np.all(np.isfinite(calibration.model.projector_mm)):
+        return ()
+    fitted = (
+        calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
+        for i, axis in enumerate("xyz")
+    )
+    if stated is None:
+        return tuple(fitted)
+    kinds = zip(fitted, seen_axes(calibration.model), stated.u_mm, strict=True)
+    return tuple(e if seen else Estimate(e.value, float(u), "mm", f"{e.label}, stated") for e, seen, u in kinds)
+
+
+def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, normal: ArrayLike) -> ProjectorPosition:
+    """Return where a plane mirror makes the lamp appear to stand.
+
+    Parameters
+    ----------
+    lamp
+        The lamp's (the slide projector's) position, plate frame.
+    mirror_point
+        Any point of the mirror's surface; its uncertainty along the normal counts twice.
+    normal
+        Direction across the mirror, (3,), of any length; taken as exact.
+
+    Notes
+    -----
+    `P' = P - 2 ((P - M) . n) n`; covariances are turned likewise.
+
+    Raises
+    ------
+    FitError
+        A normal without direction.
+
+    Examples
+    --------
+    >>> lamp = ProjectorPosition(np.array([0.0, 200.0, 1000.0]), np.full(3, 2.0))
+    >>> mirror = ProjectorPosition(np.array([0.0, 700.0, 1000.0]), np.full(3, 2.0))
+    >>> reflected_source(lamp, mirror, (0, 1, 0)).value_mm
+    array([   0., 1200., 1000.])
+    """
+    n = np.asarray(normal, float)
+    if n.shape != (3,) or not np.isfinite(n).all() or not np.linalg.norm(n) > 0:
+        raise FitError(f"the mirror's normal {np.asarray(normal).tolist()} has no direction; three numbers are needed")
+    n = n / np.linalg.norm(n)
+    turn = np.eye(3) - 2 * np.outer(n, n)
+    value = turn @ lamp.value_mm + 2 * float(mirror_point.value_mm @ n) * n
+    covariance = turn @ np.diag(lamp.u_mm**2) @ turn.T
+    covariance += 4 * float((mirror_point.u_mm * n) @ (mirror_point.u_mm * n)) * np.outer(n, n)
+    return ProjectorPosition(value, np.sqrt(np.diag(covariance)))
+
+
+def theoretical_apparent(
+    model: RigModel, projector: ProjectorPosition, camera: PlateCamera, x_mm: float, y_mm: float
+) -> Estimate:
+    """Return the angle in deg that breaks should show to the camera: the projector's and the camera's own.
+
+    `tan = m . ((P - X) / P_z - (C - X) / C_z)`, C the camera, for a low strip (reference geometry G1).
+    """
+    tangent, u = theoretical_tangent(model, projector, x_mm, y_mm)
+    rays = camera.rays(*camera.project(x_mm, y_mm))
+    mx, my = across_fringe(model, np.asarray(x_mm, float), np.asarray(y_mm, float))
+    seen = float(tangent) - float(mx * rays.bx + my * rays.by)
+    slope = 1 / (1 + seen**2)
+    return Estimate(math.degrees(math.atan(seen)), math.degrees(slope * float(u)), "deg", "apparent, theory")
+
+
+def _nearest(point: Array, line: Array, to: Array) -> Array:
+    return point + line * float(line @ (to - point))
+
+
+def _word(axis: int, sign: float) -> str:
+    return ("further " if axis < 2 else "") + _WORDS[axis][0 if sign > 0 else 1]
+
+
+def _named(axis: int, value: float, u: float) -> str:
+    return f"about {abs(value):.0f} mm (u = {u:.0f} mm) {_word(axis, value)}"
+
+
+def _largest(axis: Array) -> list[int]:
+    """Return the two coordinates in which a direction is longest."""
+    return sorted(np.argsort(-np.abs(axis))[:2].tolist())

@@ -1,0 +1,140 @@
+"""The projection angle: from the plate's normal, in the plane across the local fringe.
+
+`tan(theta) = -(dphi/dz) / |grad_xy phi|`. What a fringe's break shows to a camera at finite height is this angle
+and the camera's own together (the apparent angle); both are reported, never mixed.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.camera import PlateCamera
+from fringecal.projector.joint_fit import PhasePoints
+from fringecal.projector.rig_calibration import RigCalibration
+from fringecal.projector.rig_model import RigModel
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ProjectorPosition:
+    """Where the projector is said to stand: plate frame, mm, with standard uncertainties."""
+
+    value_mm: Array
+    u_mm: Array
+
+
+def projection_tangent(model: RigModel, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+    """Return the tangent of the projection angle at plate points; positive at the origin."""
+    gx, gy, gz = model.gradient(x_mm, y_mm, 0.0)
+    return -_handed(model) * gz / np.hypot(gx, gy)
+
+
+def projection_angle(model: RigModel, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+    """Return the projection angle in rad at plate points; positive at the origin."""
+    return np.arctan(projection_tangent(model, x_mm, y_mm))
+
+
+def apparent_angle(model: RigModel, camera: PlateCamera, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+    """Return the angle in rad that a small fringe break shows to the camera at plate points."""
+    gx, gy, gz = model.gradient(x_mm, y_mm, 0.0)
+    rays = camera.rays(*camera.project(x_mm, y_mm))
+    seen = gz + gx * rays.bx + gy * rays.by
+    return np.arctan2(-_handed(model) * seen, np.hypot(gx, gy))
+
+
+def theoretical_tangent(
+    model: RigModel, projector: ProjectorPosition, x_mm: ArrayLike, y_mm: ArrayLike
+) -> tuple[Array, Array]:
+    """Return tan(theta) that the stated projector position asks for, and its standard uncertainty.
+
+    `tan(theta) = m . (P - X) / P_z` with m the unit vector across the fringe (reference geometry G3).
+    """
+    x, y = np.asarray(x_mm, float), np.asarray(y_mm, float)
+    mx, my = across_fringe(model, x, y)
+    px, py, pz = projector.value_mm
+    tangent = (mx * (px - x) + my * (py - y)) / pz
+    u = np.sqrt((mx * projector.u_mm[0]) ** 2 + (my * projector.u_mm[1]) ** 2 + (tangent * projector.u_mm[2]) ** 2)
+    return tangent, u / pz
+
+
+def theoretical_angle(
+    model: RigModel, projector: ProjectorPosition, x_mm: float, y_mm: float, *, label: str = "theory"
+) -> Estimate:
+    """Return the projection angle in deg that the stated projector position asks for."""
+    tangent, u = theoretical_tangent(model, projector, x_mm, y_mm)
+    slope = 1 / (1 + float(tangent) ** 2)
+    return Estimate(math.degrees(math.atan(float(tangent))), math.degrees(slope * float(u)), "deg", label)
+
+
+def angle_estimate(
+    calibration: RigCalibration, x_mm: float = 0.0, y_mm: float = 0.0, *, apparent: bool = False
+) -> tuple[Estimate, dict[str, float]]:
+    """Return the angle at a plate point in deg with its budget by cause."""
+
+    def angle(c: RigCalibration) -> float:
+        if apparent:
+            return math.degrees(float(apparent_angle(c.model, c.camera, x_mm, y_mm)))
+        return math.degrees(float(projection_angle(c.model, x_mm, y_mm)))
+
+    label = "apparent projection angle" if apparent else "projection angle"
+    return calibration.estimate(angle, unit="deg", label=label)
+
+
+@dataclass(frozen=True)
+class OriginAngles:
+    """The angles at the plate's origin, deg; the budget is the true angle's, theory None without a stated position."""
+
+    angle: Estimate
+    budget: dict[str, float]
+    apparent: Estimate
+    theory: Estimate | None
+
+
+def angles_at_origin(calibration: RigCalibration, stated: ProjectorPosition | None) -> OriginAngles:
+    """Return measured, apparent and theoretical angle at the plate's origin."""
+    angle, budget = angle_estimate(calibration)
+    theory = None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0)
+    return OriginAngles(angle, budget, angle_estimate(calibration, apparent=True)[0], theory)
+
+
+def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Array, Array]:
+    """Return tan(theta) that each pixel on a strip's top shows by itself, and the plate point it belongs to.
+
+    The phase on the top at `X` is that of the plate where the projector's ray ends; the distance between the two
+    across the fringe, over the strip's height, is the tangent. Solved by Newton's method on the plate's phase.
+
+    Returns
+    -------
+    tangent, x_mm, y_mm
+        Arrays of the points' shape; x and y are the foot of the projector's ray.
+    """
+    x, y = surface.rays.at(surface.z_mm)
+    mx, my = across_fringe(model, x, y)
+    t = np.zeros_like(x)
+    for _ in range(4):
+        gx, gy, _ = model.gradient(x + t * mx, y + t * my, 0.0)
+        t = t + (surface.phase_rad - model.phase(x + t * mx, y + t * my, 0.0)) / (gx * mx + gy * my)
+    return -t / surface.z_mm, x + t * mx, y + t * my
+
+
+def fringe_pitch_mm(model: RigModel, x_mm: ArrayLike = 0.0, y_mm: ArrayLike = 0.0) -> Array:
+    """Return the fringes' pitch on the plate, across the fringe, in mm."""
+    gx, gy, _ = model.gradient(x_mm, y_mm, 0.0)
+    return 2 * math.pi / np.hypot(gx, gy)
+
+
+def _handed(model: RigModel) -> float:
+    """+1 or -1, so that the angle at the origin is positive."""
+    _, _, gz = model.gradient(0.0, 0.0, 0.0)
+    return -1.0 if float(gz) > 0 else 1.0
+
+
+def across_fringe(model: RigModel, x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the unit vector across the fringe at plate points, toward the projector."""
+    gx, gy, _ = model.gradient(x, y, 0.0)
+    length = np.hypot(gx, gy) * _handed(model)
+    return gx / length, gy / length

@@ -1,0 +1,276 @@
+"""Fit the rig model to phase on the plate and on artefacts of known height, with an honest covariance.
+
+Residuals of neighbouring pixels are not independent (ripple, texture, a strip that is a little high), so the
+covariance comes from the scatter of whole blocks of residuals (cluster-robust, Liang and Zeger, Biometrika 73
+(1986) 13), not from the number of pixels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import Rays
+from fringecal.errors import FitError
+from fringecal.projector.rig_model import RigModel, fit_residual, projector_point
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 6
+_FEW_ROUNDS = 4  # from a fit that is right but for one standard uncertainty of a cause
+_LENGTH = 100.0  # mm; unit of length inside the solver, so that its columns are of one size
+_OUTLIER = 4.5  # robust sigmas
+_MOST_PULL = 0.9  # of the fit toward a single block; beyond it says nothing of its own scatter
+_VOICE_RAD = 2e-3  # how well a whole surface tells its phase: ripple and waves that no parameter describes
+
+
+@dataclass(frozen=True)
+class PhasePoints:
+    """Pixels of one surface whose height above the plate is known, with their absolute phase.
+
+    Parameters
+    ----------
+    rays
+        The pixels' rays.
+    z_mm
+        The known height: one for all, or one for each pixel.
+    phase_rad
+        The unwrapped phase, NaN where unknown.
+    cluster
+        Number of the block of neighbours a pixel belongs to.
+    doubts_mm
+        What one standard uncertainty of each doubt about the height does to it: one number, or one for each pixel.
+    """
+
+    rays: Rays
+    z_mm: float | Array
+    phase_rad: Array
+    cluster: NDArray[np.intp]
+    doubts_mm: tuple[float | Array, ...] = ()
+
+    def lifted(self, doubts: Array) -> "PhasePoints":
+        """Return the same pixels with their height changed by so many standard uncertainties of each doubt."""
+        changes = (value * change for value, change in zip(doubts, self.doubts_mm, strict=True))
+        return replace(self, z_mm=sum(changes, self.z_mm))
+
+
+@dataclass(frozen=True)
+class RigFit:
+    """A fitted rig, its covariance from the scatter of residuals, and the residuals of every surface.
+
+    `doubts` holds, for every surface, by how many standard uncertainties each doubt about its height was moved
+    to make all surfaces agree.
+    """
+
+    model: RigModel
+    covariance: Array
+    residuals: tuple[Array, ...]
+    rms_rad: float
+    plate_rms_rad: float
+    dof: int
+    doubts: tuple[Array, ...] = ()
+
+
+def fit_rig(
+    surfaces: Sequence[PhasePoints],
+    *,
+    residual_degree: int = 0,
+    projector_near: Array | None = None,
+    start: RigFit | None = None,
+) -> RigFit:
+    """Fit the seven numbers and the plate's smooth residual to surfaces of known height.
+
+    Parameters
+    ----------
+    surfaces
+        The plate (z = 0) first, then at least one surface of another height.
+    residual_degree
+        Total degree of the plate residual; 0 leaves it out.
+    projector_near
+        Where the projector is said to stand, in mm: only used to choose the point of its line.
+    start
+        A fit to the same pixels with a slightly other camera or height, to begin from: fewer rounds will do.
+
+    Raises
+    ------
+    FitError
+        No second height, or a fit that does not determine the model.
+    """
+    if len({float(z) for s in surfaces for z in np.unique(s.z_mm)}) < 2:
+        raise FitError(
+            "All phase points lie at one height: they cannot tell how phase changes with height. Add a capture of "
+            "strips or steps of known height."
+        )
+    model = RigModel(_first_guess(surfaces), np.full(3, np.inf)) if start is None else start.model
+    keep = [np.isfinite(s.phase_rad) for s in surfaces] if start is None else [np.isfinite(r) for r in start.residuals]
+    doubts = [np.zeros(len(s.doubts_mm)) for s in surfaces]
+    rounds = _ROUNDS if start is None else _FEW_ROUNDS
+    for round_number in range(rounds):
+        model, doubts = _improve(model, surfaces, keep, doubts)
+        model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
+        if residual_degree and round_number < rounds - 2:
+            model = _with_residual(model, surfaces[0], keep[0], residual_degree)
+        misfits = [_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True)]
+        keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(misfits, surfaces, strict=True)]
+    return _report(model, surfaces, keep, doubts)
+
+
+def _misfit(model: RigModel, surface: PhasePoints) -> Array:
+    x, y = surface.rays.at(surface.z_mm)
+    return surface.phase_rad - model.phase(x, y, surface.z_mm)
+
+
+def _inliers(residual: Array, *, finite: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    spread = 1.4826 * np.median(np.abs(residual[finite] - np.median(residual[finite])))
+    return finite & (np.abs(residual) < _OUTLIER * max(float(spread), 1e-6) + np.abs(np.median(residual[finite])))
+
+
+def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
+    """Solve `n . X + n0 - phi d . X = phi`, linear in all seven numbers."""
+    rows, right = [], []
+    for surface in surfaces:
+        good = np.isfinite(surface.phase_rad)
+        x, y = (c[good] / _LENGTH for c in surface.rays.at(surface.z_mm))
+        z = np.full_like(x, surface.z_mm) / _LENGTH
+        phi = surface.phase_rad[good]
+        weight = 1.0 / np.sqrt(phi.size)
+        rows.append(weight * np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]))
+        right.append(weight * phi)
+    solution, _, rank, _ = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=1e-13)
+    if rank < 7:
+        raise FitError("The phase points do not span the field: they cannot determine the rig's seven numbers.")
+    return solution / _UNITS
+
+
+#: Solver units of the seven numbers: lengths in `_LENGTH`.
+_UNITS = np.array([_LENGTH, _LENGTH, _LENGTH, 1.0, _LENGTH, _LENGTH, _LENGTH])
+
+
+def _jacobian(model: RigModel, surface: PhasePoints) -> Array:
+    """Derivatives of the phase by the seven numbers, in solver units, then by the surface's doubts."""
+    rays = surface.rays
+    x, y = rays.at(surface.z_mm)
+    z = np.full_like(x, surface.z_mm)
+    n, d = model.parameters[:3], model.parameters[4:]
+    below = d[0] * x + d[1] * y + d[2] * z + 1
+    phi = model.ratio(x, y, z)
+    columns = np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]) / _UNITS
+    along = n[0] * rays.bx + n[1] * rays.by + n[2] - phi * (d[0] * rays.bx + d[1] * rays.by + d[2])
+    lifts = [along * change for change in surface.doubts_mm]
+    return np.column_stack([columns, *lifts]) / below[:, None]
+
+
+@dataclass(frozen=True)
+class _Share:
+    """One surface's share of the normal equations: weighted derivatives and scores of its pixels.
+
+    `place` says which columns of the whole its parameters are.
+    """
+
+    jacobian: Array
+    score: Array
+    weight: float
+    place: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class _Normal:
+    """Normal matrix and right side of the seven numbers and all doubts, and each surface's share."""
+
+    matrix: Array
+    right: Array
+    shares: list[_Share]
+
+
+def _normal(
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> _Normal:
+    """Gather the normal equations; every surface has the same voice, every doubt is an observation of zero."""
+    ends = 7 + np.cumsum([len(d) for d in doubts])
+    prior = np.concatenate([np.zeros(7), np.ones(ends[-1] - 7)])
+    matrix, right = np.diag(prior), -prior * np.concatenate([np.zeros(7), *doubts])
+    shares = []
+    for surface, good, doubt, end in zip(surfaces, keep, doubts, ends, strict=True):
+        lifted = surface.lifted(doubt)
+        weight = 1.0 / (max(1, int(np.count_nonzero(good))) * _VOICE_RAD**2)
+        place = np.concatenate([np.arange(7), np.arange(end - len(doubt), end)])
+        jacobian = _jacobian(model, lifted)[good]
+        score = weight * jacobian * _misfit(model, lifted)[good][:, None]
+        matrix[np.ix_(place, place)] += weight * jacobian.T @ jacobian
+        right[place] += score.sum(axis=0)
+        shares.append(_Share(jacobian, score, weight, place))
+    return _Normal(matrix, right, shares)
+
+
+def _inverse(matrix: Array) -> Array:
+    size = np.sqrt(np.diag(matrix))
+    scaled = matrix / np.outer(size, size)
+    condition = np.linalg.cond(scaled)
+    if not np.isfinite(condition) or condition > 1e14:
+        raise FitError(
+            f"The captures do not determine the rig (condition {condition:.1e}): the strips cover too little of the "
+            "field, or their height is too small against the noise. Spread strips over the whole field."
+        )
+    return np.linalg.inv(scaled) / np.outer(size, size)
+
+
+def _improve(
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> tuple[RigModel, list[Array]]:
+    normal = _normal(model, surfaces, keep, doubts)
+    step = _inverse(normal.matrix) @ normal.right
+    better = RigModel(model.parameters + step[:7] / _UNITS, model.projector_mm, model.residual)
+    return better, [d + step[share.place[7:]] for d, share in zip(doubts, normal.shares, strict=True)]
+
+
+def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
+    """Measure the plate's smooth residual afresh from what the seven numbers leave."""
+    x, y = plate.rays.ax[good], plate.rays.ay[good]
+    residual = fit_residual(x, y, plate.phase_rad[good] - model.ratio(x, y, 0.0), degree)
+    return RigModel(model.parameters, model.projector_mm, residual)
+
+
+def _report(
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+) -> RigFit:
+    normal = _normal(model, surfaces, keep, doubts)
+    inverse = _inverse(normal.matrix)
+    meat, number = np.zeros_like(inverse), 0
+    for surface, good, share in zip(surfaces, keep, normal.shares, strict=True):
+        sums = _block_scores(share, surface.cluster[good], inverse[np.ix_(share.place, share.place)])
+        sums -= sums.mean(axis=0)
+        meat[np.ix_(share.place, share.place)] += sums.T @ sums
+        number += len(sums)
+    covariance = (inverse @ meat @ inverse)[:7, :7] / np.outer(_UNITS, _UNITS)
+    misfits = (_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True))
+    residuals = tuple(np.where(good, m, np.nan) for m, good in zip(misfits, keep, strict=True))
+    everything = np.concatenate([r[np.isfinite(r)] for r in residuals])
+    return RigFit(
+        model=model,
+        covariance=covariance,
+        residuals=residuals,
+        rms_rad=float(np.sqrt(np.mean(everything**2))),
+        plate_rms_rad=float(np.sqrt(np.nanmean(residuals[0] ** 2))),
+        dof=max(1, number - 7),
+        doubts=tuple(doubts),
+    )
+
+
+def _block_scores(share: _Share, cluster: NDArray[np.intp], inverse: Array) -> Array:
+    """Sum the scores of each block, made larger by what the fit took off the block's own residuals.
+
+    Blocks that are few pull the fit toward themselves, and their residuals come out too small: (I - H)^-1/2 undoes
+    it (Bell and McCaffrey, Survey Methodology 28 (2002) 169, "CR2").
+    """
+    _, index, number = np.unique(cluster, return_inverse=True, return_counts=True)
+    order, starts = np.argsort(index, kind="stable"), np.concatenate([[0], np.cumsum(number)[:-1]])
+    sums = np.add.reduceat(share.score[order], starts)
+    # In coordinates in which the whole's normal matrix is a unit, a block's is symmetric, its size the pull.
+    root = np.linalg.cholesky(inverse)
+    derivatives = share.jacobian[order] @ root
+    pulls = np.stack([d.T @ d for d in np.split(derivatives, starts[1:])]) * share.weight
+    values, vectors = np.linalg.eigh(pulls)
+    factors = 1 / np.sqrt(1 - np.clip(values, 0.0, _MOST_PULL))
+    raised = np.einsum("cij,cj,ckj,ck->ci", vectors, factors, vectors, sums @ root)
+    return np.asarray(raised @ np.linalg.inv(root))

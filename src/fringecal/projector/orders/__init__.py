@@ -1,0 +1,1 @@
+"""The fringe order of strips of known height."""

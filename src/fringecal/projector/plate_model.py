@@ -1,0 +1,53 @@
+"""What the bare plate alone tells of the rig: five of its seven numbers, and the smooth residual."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError
+from fringecal.projector.joint_fit import PhasePoints
+from fringecal.projector.rig_model import PlateResidual, RigModel, fit_residual
+
+Array = NDArray[np.float64]
+
+_PLATE_POINTS = 5_000
+_PLATE_DEGREE = 5
+_ROUGH_RAD = 0.5
+_MOST_ROUGH = 0.1  # share of the plate's points that may be off by more than that
+
+
+def plate_model(plate: PhasePoints) -> RigModel:
+    """Fit what the plate alone tells: five of the seven numbers, and the smooth residual.
+
+    Raises
+    ------
+    FitError
+        The plate's points do not span the field, or are not those of a bare plate.
+    """
+    good = np.flatnonzero(np.isfinite(plate.phase_rad))
+    good = np.random.default_rng(2008).permutation(good)[:_PLATE_POINTS]
+    x, y, phi = plate.rays.ax[good], plate.rays.ay[good], plate.phase_rad[good]
+    unit = max(float(np.ptp(x)), float(np.ptp(y)), 1e-9) / 2
+    parameters = np.zeros(7)
+    keep = np.ones(phi.size, bool)
+    residual = PlateResidual()
+    below = np.ones(phi.size)
+    for _ in range(4):
+        s, t, p = x / unit, y / unit, phi - residual(x, y)
+        design = np.column_stack([s, t, np.ones_like(s), -p * s, -p * t]) / below[:, None]
+        solution, _, rank, _ = np.linalg.lstsq(design[keep], (p / below)[keep], rcond=1e-12)
+        if rank < 5:
+            raise FitError("The phase of the plate does not span the field: it cannot be described by a projector.")
+        parameters[[0, 1, 3, 4, 5]] = solution / [unit, unit, 1.0, unit, unit]
+        below = 1 + (parameters[4] * x + parameters[5] * y)
+        model = RigModel(parameters.copy(), np.full(3, np.inf))
+        left = phi - model.ratio(x, y, 0.0)
+        residual = fit_residual(x[keep], y[keep], left[keep], _PLATE_DEGREE)
+        left -= residual(x, y)
+        keep = np.abs(left) < 4.5 * 1.4826 * float(np.median(np.abs(left))) + 1e-9
+    rough = float(np.mean(np.abs(left) > _ROUGH_RAD))
+    if rough > _MOST_ROUGH:
+        raise FitError(
+            f"The reference is no bare plate: over {100 * rough:.0f} % of it the phase is more than {_ROUGH_RAD} rad "
+            "off a smooth one. Something lies on the plate, or the captures of strips and reference are exchanged."
+        )
+    return RigModel(parameters, np.full(3, np.inf), residual)

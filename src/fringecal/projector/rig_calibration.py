@@ -1,0 +1,276 @@
+"""A calibrated rig: camera and rig model as one parameter vector, with its covariance split by cause.
+
+Every cause of doubt (strip height, grid pitch, camera height, scatter of phase) is a mode: what one standard
+uncertainty of it does to all parameters at once. Any quantity's budget is its change under each mode.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from operator import itemgetter
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
+from fringecal.phase import PlateOrders, Waveform
+from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
+from fringecal.projector.rig_model import RIG_NAMES, PlateResidual, RigModel, projector_point
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+
+_NEGLIGIBLE = 1e-4  # modes below this share of the variance only cost time
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What one standard uncertainty of a cause does to all parameters."""
+
+    label: str
+    effect: Array
+    dof: float = math.inf
+
+
+@dataclass(frozen=True)
+class RigCalibration:
+    """Camera, rig model and the modes of their joint uncertainty.
+
+    The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
+    the shape of the fringes as found on the plate, `orders` how further periods number them.
+    """
+
+    camera: PlateCamera
+    model: RigModel
+    modes: tuple[Mode, ...]
+    excess_rad: float = 0.0
+    wave: Waveform | None = None
+    orders: PlateOrders | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all parameters, in the order of `vector`."""
+        terms = self.model.residual.terms()
+        return (
+            *(f"camera.{n}" for n in CAMERA_NAMES),
+            *(f"rig.{n}" for n in RIG_NAMES),
+            *(f"plate_residual.{i}.{j}" for i, j in terms),
+        )
+
+    @property
+    def vector(self) -> Array:
+        """All parameters."""
+        coefficients = self.model.residual.coefficients
+        return np.concatenate([self.camera.parameters, self.model.parameters, coefficients])
+
+    @property
+    def covariance(self) -> Array:
+        """Joint covariance of `vector`: the sum of all modes."""
+        size = self.vector.size
+        return sum((np.outer(m.effect, m.effect) for m in self.modes), np.zeros((size, size)))
+
+    def shifted(self, mode: Mode) -> "RigCalibration":
+        """Return the calibration with one standard uncertainty of a cause added."""
+        return self.replaced(self.vector + mode.effect)
+
+    def replaced(self, vector: Array) -> "RigCalibration":
+        """Return the calibration with other parameter values."""
+        cut = len(CAMERA_NAMES)
+        residual = replace(self.model.residual, coefficients=vector[cut + len(RIG_NAMES) :])
+        parameters = vector[cut : cut + len(RIG_NAMES)]
+        projector = projector_point(parameters, near=self.model.projector_mm)
+        model = RigModel(parameters, projector, residual)
+        return replace(self, camera=self.camera.replaced(vector[:cut]), model=model)
+
+    def changes(self, quantity: Callable[["RigCalibration"], ArrayLike]) -> Array:
+        """Return the change of a quantity under one standard uncertainty of each cause, shape (modes, ...)."""
+        base = np.asarray(quantity(self), float)
+        moved = [np.asarray(quantity(self.shifted(mode)), float) - base for mode in self.modes]
+        return np.stack(moved) if moved else np.zeros((0, *base.shape))
+
+    def estimate(
+        self, quantity: Callable[["RigCalibration"], float], *, unit: str, label: str
+    ) -> tuple[Estimate, dict[str, float]]:
+        """Return a quantity's estimate and its budget: the signed change under each cause.
+
+        Effects of modes of one label are added in quadrature; degrees of freedom by Welch and Satterthwaite
+        (JCGM 100:2008, G.2b).
+        """
+        base = quantity(self)
+        changes = self.changes(quantity)
+        budget: dict[str, float] = {}
+        for mode, change in zip(self.modes, changes, strict=True):
+            budget[mode.label] = math.hypot(budget.get(mode.label, 0.0), float(change))
+        variance = float(changes @ changes)
+        finite = sum(c**4 / m.dof for m, c in zip(self.modes, changes, strict=True) if math.isfinite(m.dof))
+        dof = variance**2 / finite if finite > 0 else math.inf
+        return Estimate(base, math.sqrt(variance), unit, label, dof), budget
+
+
+@dataclass(frozen=True)
+class HeightDoubt:
+    """What one standard uncertainty of a cause does to the height of a surface: one number, or one per pixel."""
+
+    label: str
+    change_mm: float | Array
+    dof: float = math.inf
+
+
+@dataclass(frozen=True)
+class Observations:
+    """What a rig is fitted to, in pixels: the plate, then artefacts of known height.
+
+    `u_px`, `v_px`, `phase_rad`, `cluster` hold one array per surface; `height_mm` one estimate each (0 for the
+    plate), whose label names the cause. Where a surface is not level, `relief_mm` is added to its height pixel
+    by pixel, and `doubts` holds causes beside the height's own.
+    """
+
+    u_px: tuple[Array, ...]
+    v_px: tuple[Array, ...]
+    phase_rad: tuple[Array, ...]
+    cluster: tuple[NDArray[np.intp], ...]
+    height_mm: tuple[Estimate, ...]
+    relief_mm: tuple[float | Array, ...] = ()
+    doubts: tuple[tuple[HeightDoubt, ...], ...] = ()
+
+    def doubts_of(self, surface: int) -> tuple[HeightDoubt, ...]:
+        """Return all causes that make the height of a surface uncertain, its own first."""
+        height = self.height_mm[surface]
+        own = (HeightDoubt(height.label, height.u, height.dof),) if height.u > 0 else ()
+        return (*own, *(self.doubts[surface] if self.doubts else ()))
+
+    def surfaces(self, camera: PlateCamera, *, raised: tuple[int, int] | None = None) -> list[PhasePoints]:
+        """Return the points as this camera sees them; `raised` (surface, doubt) adds one u of that doubt."""
+        made = []
+        for i, height in enumerate(self.height_mm):
+            changes = tuple(doubt.change_mm for doubt in self.doubts_of(i))
+            z = height.value + (self.relief_mm[i] if self.relief_mm else 0.0)
+            if raised is not None and raised[0] == i:
+                z = z + changes[raised[1]]
+            rays = camera.rays(self.u_px[i], self.v_px[i])
+            made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
+        return made
+
+    def thinned(self, number: int) -> "Observations":
+        """Return at most so many points of every surface, drawn evenly."""
+        rng = np.random.default_rng(2008)
+        chosen = [np.sort(rng.permutation(u.size)[:number]) for u in self.u_px]
+
+        def few(values: Sequence[Array]) -> tuple[Array, ...]:
+            return tuple(v[c] if np.ndim(v) else v for v, c in zip(values, chosen, strict=True))
+
+        doubts = tuple(
+            tuple(replace(d, change_mm=few([d.change_mm] * len(chosen))[i]) for d in row)  # type: ignore[list-item]
+            for i, row in enumerate(self.doubts)
+        )
+        relief = few(self.relief_mm) if self.relief_mm else ()  # type: ignore[arg-type]
+        clusters = tuple(k[c] for k, c in zip(self.cluster, chosen, strict=True))
+        return replace(
+            self, u_px=few(self.u_px), v_px=few(self.v_px), phase_rad=few(self.phase_rad),
+            cluster=clusters, relief_mm=relief, doubts=doubts,
+        )  # fmt: skip
+
+    def joined(self, other: "Observations") -> "Observations":
+        """Return these surfaces followed by those of another."""
+        return Observations(
+            self.u_px + other.u_px,
+            self.v_px + other.v_px,
+            self.phase_rad + other.phase_rad,
+            self.cluster + other.cluster,
+            self.height_mm + other.height_mm,
+            sum((o.relief_mm or (0.0,) * len(o.height_mm) for o in (self, other)), ()),
+            sum((o.doubts or ((),) * len(o.height_mm) for o in (self, other)), ()),
+        )
+
+
+def calibrate_rig(
+    observations: Observations,
+    camera_fit: CameraFit,
+    *,
+    residual_degree: int = 5,
+    projector_near: Array | None = None,
+    phase_sigma_rad: float = 0.0,
+    progress: Callable[[str], None] = lambda _: None,
+) -> tuple[RigCalibration, RigFit]:
+    """Fit the rig to all surfaces at once and carry every stated uncertainty through the fit.
+
+    Parameters
+    ----------
+    observations
+        Plate first, then surfaces of known height.
+    camera_fit
+        The camera on the plate with the causes of its uncertainty.
+    residual_degree
+        Total degree of the plate's smooth residual.
+    projector_near
+        Stated projector position in mm; only picks the point on the projector's line.
+    phase_sigma_rad
+        Typical noise of the phase; what the plate's residual has beyond it goes to every later height.
+
+    Raises
+    ------
+    FitError
+        The captures do not determine the rig.
+    """
+
+    def solve(camera: PlateCamera, raised: tuple[int, int] | None = None, start: RigFit | None = None) -> RigFit:
+        return fit_rig(
+            observations.surfaces(camera, raised=raised),
+            residual_degree=residual_degree,
+            projector_near=projector_near,
+            start=start,
+        )
+
+    camera = camera_fit.camera
+    fit = solve(camera)
+    base = _joined(camera, fit.model)
+    modes = [Mode("phase scatter", effect, fit.dof) for effect in _scatter_effects(fit, base.size)]
+    for index in range(len(observations.height_mm)):
+        for number, doubt in enumerate(observations.doubts_of(index)):
+            progress(f"sensitivity to {doubt.label}")
+            effect = _joined(camera, solve(camera, (index, number), fit).model) - base
+            modes.append(Mode(doubt.label, effect, doubt.dof))
+    for label, effects in groupby(_camera_effects(camera_fit), key=itemgetter(0)):
+        progress(f"sensitivity to {label}")
+        for _, effect in effects:
+            moved = camera.replaced(camera.parameters + effect)
+            modes.append(Mode(label, _joined(moved, solve(moved, start=fit).model) - base, camera_fit.dof))
+    excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
+    return RigCalibration(camera, fit.model, tuple(modes), excess), fit
+
+
+def _joined(camera: PlateCamera, model: RigModel) -> Array:
+    return np.concatenate([camera.parameters, model.parameters, model.residual.coefficients])
+
+
+def _scatter_effects(fit: RigFit, size: int) -> list[Array]:
+    """Principal axes of the rig's covariance from the scatter of residuals."""
+    effects = []
+    for axis in _axes(fit.covariance):
+        effect = np.zeros(size)
+        effect[len(CAMERA_NAMES) : len(CAMERA_NAMES) + len(RIG_NAMES)] = axis
+        effects.append(effect)
+    return effects
+
+
+def _camera_effects(fit: CameraFit) -> Sequence[tuple[str, Array]]:
+    """Return the camera's stated causes, and the principal axes of what the crossings' scatter leaves."""
+    stated = list(fit.causes.items())
+    left = fit.camera.covariance - sum((np.outer(e, e) for _, e in stated), np.zeros_like(fit.camera.covariance))
+    return [*stated, *(("grid crossings", axis) for axis in _axes(left))]
+
+
+def _axes(covariance: Array) -> list[Array]:
+    """Principal axes of a covariance, each one standard deviation long, the negligible left out."""
+    size = np.sqrt(np.clip(np.diag(covariance), 0, None))
+    unit = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
+    return [
+        unit * vectors[:, k] * math.sqrt(values[k])
+        for k in range(values.size)
+        if values[k] > _NEGLIGIBLE * max(float(values.max()), 1e-300) and values[k] > 0
+    ]
+
+
+__all__ = ["HeightDoubt", "Mode", "Observations", "PlateResidual", "RigCalibration", "calibrate_rig"]

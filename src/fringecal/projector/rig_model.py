@@ -1,0 +1,185 @@
+"""The rig model: phase in space, for any diverging or collimated projector.
+
+`phi(X) = (n . X + n0) / (d . X + 1) + rho(foot(X))`: a ratio of two linear forms (a pinhole and one slide
+coordinate), and a smooth residual that is measured on the plate and carried up along the projector's rays,
+because along a ray the phase does not change whatever the lens and the slide did to it.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.camera import Rays
+from fringecal.projector import rig_kernels as kernels
+
+Array = NDArray[np.float64]
+
+#: Parameters of the ratio, in the order of every vector and covariance; phase in rad, lengths in mm.
+RIG_NAMES = ("nx", "ny", "nz", "n0", "dx", "dy", "dz")
+_FEW_POINTS = 20_000  # below this, waking the threads costs more than the sum
+_LIFT_ROUNDS = 3  # the residual is smooth: each round gains two to three digits
+
+
+@dataclass(frozen=True)
+class PlateResidual:
+    """A smooth phase residual on the plate: Chebyshev polynomials of total degree `degree` over a box.
+
+    `box` is (x_low, x_high, y_low, y_high) in mm; points outside are evaluated at its edge, because a
+    polynomial says nothing there.
+    """
+
+    degree: int = 0
+    coefficients: Array = field(default_factory=lambda: np.zeros(1))
+    box: tuple[float, float, float, float] = (-1.0, 1.0, -1.0, 1.0)
+
+    def __call__(self, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
+        """Return the residual phase in rad at plate points."""
+        x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
+        out = np.zeros(x.shape)
+        if not np.any(self.coefficients):
+            return out
+        flat = (np.ascontiguousarray(c).ravel() for c in (x, y))
+        evaluate = kernels.residual_at_few if x.size < _FEW_POINTS else kernels.residual_at
+        evaluate(*flat, self.grid, np.array(self.box), out.reshape(-1))
+        return out
+
+    @property
+    def grid(self) -> Array:
+        """Coefficients by degree along x and along y, shape (degree + 1, degree + 1)."""
+        grid = np.zeros((self.degree + 1,) * 2)
+        for value, (i, j) in zip(self.coefficients, self.terms(), strict=False):
+            grid[i, j] = value
+        return grid
+
+    def terms(self) -> list[tuple[int, int]]:
+        """Return the exponent pairs of the polynomial, in the order of the coefficients."""
+        return [(i, n - i) for n in range(self.degree + 1) for i in range(n + 1)]
+
+    def design(self, x_mm: Array, y_mm: Array) -> Array:
+        """Return the matrix whose columns are the polynomial's terms at plate points."""
+        s, t = self._unit(x_mm, y_mm)
+        vs, vt = chebyshev.chebvander(s, self.degree), chebyshev.chebvander(t, self.degree)
+        return np.stack([vs[..., i] * vt[..., j] for i, j in self.terms()], axis=-1)
+
+    def _unit(self, x: Array, y: Array) -> tuple[Array, Array]:
+        x0, x1, y0, y1 = self.box
+        s = np.clip((2 * x - x0 - x1) / (x1 - x0), -1, 1)
+        t = np.clip((2 * y - y0 - y1) / (y1 - y0), -1, 1)
+        return s, t
+
+
+def fit_residual(x_mm: Array, y_mm: Array, left_rad: Array, degree: int) -> PlateResidual:
+    """Fit the smooth residual to what a rig's ratio leaves at plate points, over the box that they span.
+
+    Parameters
+    ----------
+    x_mm, y_mm, left_rad
+        Plate points and measured minus modelled phase there, shape (n,).
+    degree
+        Total degree of the polynomial.
+    """
+    box = (float(x_mm.min()), float(x_mm.max()), float(y_mm.min()), float(y_mm.max()))
+    design = PlateResidual(degree, np.zeros(1), box).design(x_mm, y_mm)
+    # Chebyshev terms over their own box are nearly orthogonal: normal equations lose nothing and are quick.
+    ridge = 1e-9 * left_rad.size * np.eye(design.shape[1])
+    coefficients = np.linalg.solve(design.T @ design + ridge, design.T @ left_rad)
+    return PlateResidual(degree, coefficients, box)
+
+
+@dataclass(frozen=True)
+class RigModel:
+    """Phase in space, and the projector's position by which plate points are lifted.
+
+    Parameters
+    ----------
+    parameters
+        The seven numbers in the order of `RIG_NAMES`.
+    projector_mm
+        A point (x, y, z) on the line that all planes of equal phase share; infinite when collimated.
+    residual
+        What slide and lens add to the phase on the plate.
+    """
+
+    parameters: Array
+    projector_mm: Array
+    residual: PlateResidual = field(default_factory=PlateResidual)
+
+    def ratio(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike) -> Array:
+        """Return the pinhole part of the phase in rad."""
+        nx, ny, nz, n0, dx, dy, dz = self.parameters
+        x, y, z = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm))
+        return (nx * x + ny * y + nz * z + n0) / (dx * x + dy * y + dz * z + 1)
+
+    def foot(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
+        """Return where the projector's ray through a point meets the plate."""
+        x, y, z = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm))
+        px, py, pz = self.projector_mm
+        if not np.isfinite(pz):
+            return x, y
+        stretch = z / (pz - z)
+        return x + (x - px) * stretch, y + (y - py) * stretch
+
+    def phase(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike = 0.0) -> Array:
+        """Return the phase in rad at points of the plate frame."""
+        return self.ratio(x_mm, y_mm, z_mm) + self.residual(*self.foot(x_mm, y_mm, z_mm))
+
+    def height(self, phase_rad: Array, rays: Rays) -> Array:
+        """Return z in mm where rays meet their phase: one linear equation, lifted for the residual.
+
+        NaN where the phase is NaN, and where a ray runs along a plane of equal phase.
+        """
+        maps = np.broadcast_arrays(np.asarray(phase_rad, float), rays.ax, rays.ay, rays.bx, rays.by)
+        out = np.empty(maps[0].shape)
+        rounds = _LIFT_ROUNDS if np.any(self.residual.coefficients) else 0
+        kernels.height_at(
+            *(np.ascontiguousarray(m).ravel() for m in maps),
+            self.parameters,
+            self.projector_mm,
+            self.residual.grid,
+            np.array(self.residual.box),
+            rounds,
+            out.reshape(-1),
+        )
+        return out
+
+    def gradient(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike = 0.0) -> tuple[Array, Array, Array]:
+        """Return (dphi/dx, dphi/dy, dphi/dz) in rad/mm, the residual's share included."""
+        step = 0.05
+        x, y, z = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm))
+        along_x = self.phase(x + step, y, z) - self.phase(x - step, y, z)
+        along_y = self.phase(x, y + step, z) - self.phase(x, y - step, z)
+        along_z = self.phase(x, y, z + step) - self.phase(x, y, z - step)
+        return along_x / (2 * step), along_y / (2 * step), along_z / (2 * step)
+
+    def with_parameters(self, parameters: Array) -> "RigModel":
+        """Return the same model with other numbers; the projector follows them."""
+        model = replace(self, parameters=np.asarray(parameters, float))
+        return replace(model, projector_mm=projector_point(model.parameters, near=self.projector_mm))
+
+
+def projector_line(parameters: Array) -> tuple[Array, Array]:
+    """Return a point and the unit direction of the line that all planes of equal phase share.
+
+    The line is where numerator and denominator both vanish; the projector's pupil lies on it, where along it
+    the fringes of one slide coordinate cannot tell.
+    """
+    n, n0 = parameters[:3], parameters[3]
+    d = parameters[4:7]
+    direction = np.cross(n, d)
+    length = np.linalg.norm(direction)
+    if length < 1e-12 * max(np.linalg.norm(n), 1e-30):
+        return np.full(3, np.inf), np.array([np.nan] * 3)
+    direction /= length
+    point, *_ = np.linalg.lstsq(np.vstack([n, d, direction]), np.array([-n0, -1.0, 0.0]), rcond=None)
+    return point, direction
+
+
+def projector_point(parameters: Array, *, near: ArrayLike | None = None) -> Array:
+    """Return the point of the projector's line nearest to `near`, or nearest to the plate's origin."""
+    point, direction = projector_line(parameters)
+    if not np.all(np.isfinite(point)):
+        return point
+    target = np.zeros(3) if near is None or not np.all(np.isfinite(near)) else np.asarray(near, float)
+    return point + direction * float(direction @ (target - point))

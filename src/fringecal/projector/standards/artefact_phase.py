@@ -1,0 +1,202 @@
+"""Further artefacts as observations of the joint fit: their place found, their fringe order decided, or left out."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError
+from fringecal.projector.rig_calibration import HeightDoubt, Observations, RigCalibration
+from fringecal.projector.sampling import pick_points
+from fringecal.projector.standards.placing import ArtefactPlace, place_artefact
+from fringecal.projector.standards.strip_phase import StripPhase, numberings
+from fringecal.projector.standards.target_facets import Facet, facets_of
+from fringecal.targets import Target
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+
+_POINTS = 4_000  # of a facet
+_LEAST_POINTS = 100
+_MARGIN_PX = 2.5  # left out along edges: pixels there see two surfaces
+_COVERAGE = 3.0  # standard uncertainties within which a prediction must stay to decide an order
+_CLOSE = 0.9 * math.pi
+_AGREEING_RAD = 0.8
+_FEW = 50  # points at which a prediction's uncertainty is taken
+_MOST_ODD = 0.2  # share of a facet's pixels whose phase may be another's
+
+
+@dataclass(frozen=True)
+class ArtefactPhase:
+    """An artefact registered on the plate.
+
+    Parameters
+    ----------
+    place
+        Where it lies; None for strips, which are found by the step that they make.
+    observations
+        Its facets with absolute phase; None where none could be used.
+    left_out
+        For every other facet, why.
+    """
+
+    place: ArtefactPlace | None
+    observations: Observations | None
+    left_out: tuple[str, ...]
+
+
+def observe_artefact(
+    target: Target, wrapped_rad: Array, valid: NDArray[np.bool_], calibration: RigCalibration
+) -> ArtefactPhase:
+    """Register an artefact on the plate and give its facets absolute phase.
+
+    The order of a facet is the one nearest to what the calibrated rig predicts there, if three standard
+    uncertainties of that prediction stay within half a fringe.
+
+    Parameters
+    ----------
+    target
+        A step block, box, wedge or raised flat.
+    wrapped_rad, valid
+        Phase of the capture and where it can be used, shape (H, W).
+    calibration
+        The rig as known without it.
+
+    Raises
+    ------
+    FitError
+        The target has no top of known height, or is not to be seen.
+    """
+    facets = facets_of(target)
+    if not facets:
+        raise FitError(
+            f"A target of kind {target.kind!r} has no level or sloping top of stated height that a rig could be fitted "
+            "to; use steps, box, wedge, or a flat with height_mm."
+        )
+    place = place_artefact(facets, wrapped_rad, valid, calibration)
+    used: list[Observations] = []
+    left_out: list[str] = []
+    for facet in facets:
+        try:
+            z = _height_map(facet, place, calibration)
+            seen = _observed(facet.height, z, wrapped_rad, valid, calibration)
+            used.append(replace(seen, doubts=(_doubts(facet, place, seen),)))
+        except FitError as error:
+            left_out.append(f"{facet.height.label} {facet.height.value:g} mm left out: {error}")
+    return ArtefactPhase(place, _joined(used), tuple(left_out))
+
+
+def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigCalibration) -> ArtefactPhase:
+    """Give a further set of strips absolute phase, by what the rig as known without it predicts.
+
+    Parameters
+    ----------
+    strips
+        The strips' phase step over the plate; they must all be of one height, or be told apart by their order.
+    plate_phase_rad
+        Map of the plate's unwrapped phase.
+    calibration
+        The rig as known without them.
+
+    Raises
+    ------
+    FitError
+        It is open which strip is which.
+    """
+    items = numberings(strips)
+    if len(items) != 1:
+        raise FitError(
+            "The strips differ in height and it is open which is which; use strips of one height as a second set."
+        )
+    wrapped = plate_phase_rad + strips.step_rad
+    used: list[Observations] = []
+    left_out: list[str] = []
+    for label in strips.regions.seen:
+        height = strips.heights_mm[items[0][label - 1]]
+        z = np.where(strips.regions.labels == label, height.value, np.nan)
+        try:
+            used.append(_observed(height, z, wrapped, np.isfinite(wrapped), calibration))
+        except FitError as error:
+            left_out.append(f"strip {label} left out: {error}")
+    grouped = [_merged([o for o in used if o.height_mm[0] == h]) for h in dict.fromkeys(o.height_mm[0] for o in used)]
+    return ArtefactPhase(None, _joined(grouped), tuple(left_out))
+
+
+def _merged(parts: Sequence[Observations]) -> Observations:
+    """Make one surface of several that share one height and its doubt."""
+    columns = (np.concatenate([getattr(p, n)[0] for p in parts]) for n in ("u_px", "v_px", "phase_rad", "cluster"))
+    u, v, phase, cluster = columns
+    return Observations((u,), (v,), (phase,), (cluster,), (parts[0].height_mm[0],))
+
+
+def _joined(parts: Sequence[Observations]) -> Observations | None:
+    whole = parts[0] if parts else None
+    for part in parts[1:]:
+        whole = whole.joined(part) if whole is not None else part
+    return whole
+
+
+def _observed(
+    height: Estimate, z: Array, wrapped: Array, valid: NDArray[np.bool_], calibration: RigCalibration
+) -> Observations:
+    """Take the pixels of one surface, decide its order, and give them absolute phase."""
+    u, v, cluster = pick_points(np.isfinite(z) & valid, _POINTS)
+    if u.size < _LEAST_POINTS:
+        raise FitError(f"only {u.size} pixels of it are lit, {_LEAST_POINTS} are needed")
+    index = v.astype(int), u.astype(int)
+    predicted = calibration.model.phase(*calibration.camera.rays(u, v).at(z[index]), z[index])
+    lack = np.angle(np.exp(1j * (wrapped[index] - predicted)))
+    middle = float(np.angle(np.mean(np.exp(1j * lack))))
+    spread = np.angle(np.exp(1j * (lack - middle)))
+    _demand_order(_prediction_u(calibration, u, v, z[index]), middle, spread)
+    relief = z[index] - height.value
+    return Observations((u,), (v,), (predicted + middle + spread,), (cluster,), (height,), (relief,), ((),))
+
+
+def _height_map(facet: Facet, place: ArtefactPlace, calibration: RigCalibration) -> Array:
+    """Height at which each pixel's ray meets the facet, NaN where it misses it or comes near an edge."""
+    rays = calibration.camera.pixel_rays()
+    low, _ = place.inside(*rays.at(0.0))
+    rise = place.inside(*rays.at(1.0))[0] - low
+    # The ray crosses s = low + rise z, the facet stands at z = height + slope (s - middle).
+    z = (facet.height.value + facet.slope * (low - facet.middle_mm)) / (1 - facet.slope * rise)
+    s, t = place.inside(*rays.at(z))
+    margin = _MARGIN_PX * calibration.camera.scale("mean").value + place.u_mm
+    inside = (s > facet.low_mm + margin) & (s < facet.high_mm - margin) & (np.abs(t) < facet.half_length_mm - margin)
+    return np.where(inside, z, np.nan)
+
+
+def _demand_order(doubt_rad: float, middle: float, spread: Array) -> None:
+    """Refuse a surface whose order the rig cannot predict, or whose phase is not that of one surface."""
+    if _COVERAGE * doubt_rad + abs(middle) > _CLOSE:
+        raise FitError(
+            f"its fringe order is open: the phase lies {middle:+z.2f} rad off a prediction that is uncertain by "
+            f"{doubt_rad:.2f} rad (standard uncertainty); measure a lower surface too, or state its height better"
+        )
+    odd = float(np.mean(np.abs(spread) > _AGREEING_RAD))
+    if odd > _MOST_ODD:
+        raise FitError(f"{100 * odd:.0f} % of its pixels show the phase of something else")
+
+
+def _prediction_u(calibration: RigCalibration, u_px: Array, v_px: Array, z_mm: Array) -> float:
+    """Largest standard uncertainty of the phase that the rig predicts for a surface of known height."""
+    few = slice(None, None, max(1, u_px.size // _FEW))
+    u, v, z = u_px[few], v_px[few], z_mm[few]
+
+    def predicted(c: RigCalibration) -> Array:
+        return c.model.phase(*c.camera.rays(u, v).at(z), z)
+
+    base = predicted(calibration)
+    variance = sum(((predicted(calibration.shifted(mode)) - base) ** 2 for mode in calibration.modes), np.zeros(u.size))
+    return float(np.sqrt(np.max(variance, initial=0.0)))
+
+
+def _doubts(facet: Facet, place: ArtefactPlace, seen: Observations) -> tuple[HeightDoubt, ...]:
+    """Return what angle and place of a slope do to its height."""
+    if not facet.slope:
+        return ()
+    across = seen.relief_mm[0] / facet.slope + facet.middle_mm
+    tilt = HeightDoubt("wedge angle", facet.u_slope * (across - facet.low_mm))
+    return (tilt, HeightDoubt("wedge position", abs(facet.slope) * place.u_mm))

@@ -1,0 +1,33 @@
+from .extent import (
+    Extent as Extent,
+)
+from .extent import (
+    extent_of as extent_of,
+)
+from .height_map import (
+    HeightMap as HeightMap,
+)
+from .height_map import (
+    Reason as Reason,
+)
+from .known_levels import (
+    Levels as Levels,
+)
+from .object_phase import (
+    absolute_phase as absolute_phase,
+)
+from .perturbed import (
+    points_by_cause as points_by_cause,
+)
+from .phase_to_height import (
+    height_of_phase as height_of_phase,
+)
+from .phase_to_height import (
+    reconstruct_height as reconstruct_height,
+)
+from .sections import (
+    Section as Section,
+)
+from .sections import (
+    row_section as row_section,
+)

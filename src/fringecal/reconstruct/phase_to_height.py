@@ -1,0 +1,121 @@
+"""From an object's phase to x, y, z and u(z) in the plate frame."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from fringecal.phase import PhaseMap
+from fringecal.projector import RigCalibration, height_model
+from fringecal.reconstruct.height_kernels import Maps, surface_rows
+from fringecal.reconstruct.height_map import HeightMap, Reason
+from fringecal.reconstruct.object_phase import ObjectPhase, absolute_phase
+from fringecal.reconstruct.row_rays import doubt_rows, rig_rows
+from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivities
+
+Array = NDArray[np.float64]
+HeightRange = tuple[float, float] | None
+Allocate = Callable[[tuple[int, ...], DTypeLike], NDArray[Any]]
+"""Returns an array of a shape and a type, as `np.empty` does."""
+
+_SAMPLE = 300  # rows and columns of the sample that says between which heights a surface lies
+
+
+def reconstruct_height(
+    phase_map: PhaseMap,
+    calibration: RigCalibration,
+    *,
+    model: str = "projective",
+    height_range_mm: HeightRange = None,
+    allocate: Allocate = np.empty,
+) -> HeightMap:
+    """Return the surface of an object from its phase, as float32 maps.
+
+    Parameters
+    ----------
+    phase_map
+        Demodulated frames of the object.
+    calibration
+        The calibrated rig.
+    model
+        Name of a height model; see `height_model`.
+    height_range_mm
+        Heights that the object can have: helps to decide pieces that touch no plate, masks what lies outside.
+    allocate
+        Makes the five maps, 20 bytes a pixel. They are written once, row by row: for pictures that memory does not
+        hold it may return `np.memmap`s, as the buffers of `demodulate(out=...)` may be: 33 of 50 bytes a pixel stay.
+    """
+    phase = absolute_phase(phase_map, calibration, height_range_mm=height_range_mm)
+    return height_of_phase(
+        phase, calibration, model=model, height_range_mm=height_range_mm, dtype=np.float32, allocate=allocate
+    )
+
+
+def height_of_phase(
+    phase: ObjectPhase,
+    calibration: RigCalibration,
+    *,
+    model: str = "projective",
+    height_range_mm: HeightRange = None,
+    dtype: DTypeLike = np.float64,
+    allocate: Allocate = np.empty,
+) -> HeightMap:
+    """Return the surface from absolute phase: the second half of `reconstruct_height`.
+
+    Parameters
+    ----------
+    phase
+        The object's phase over the plate's.
+    calibration, model, height_range_mm, allocate
+        As for `reconstruct_height`.
+    dtype
+        Type of the maps: float32 halves the memory and rounds coordinates below 512 mm by 0.03 um at most.
+    """
+    systematic = height_sensitivities(calibration, _range_of(phase, calibration, model), model=model)
+    rows = rig_rows(calibration) if model == "projective" else None
+    if rows is None:
+        return _by_maps(phase, calibration, systematic, model, height_range_mm)
+    shape = phase.step_rad.shape
+    x, y, z, u_z, u_random = (allocate(shape, dtype) for _ in range(5))
+    maps = Maps(x, y, z, u_z, u_random, phase.reasons.copy())
+    doubt = doubt_rows(systematic, calibration.excess_rad, height_range_mm)
+    surface_rows(phase.step_rad, phase.sigma_rad, rows, doubt, maps)
+    return HeightMap(x, y, z, u_z, u_random, systematic, maps.reasons)
+
+
+def _by_maps(
+    phase: ObjectPhase, calibration: RigCalibration, systematic: Sensitivities, model: str, heights_mm: HeightRange
+) -> HeightMap:
+    """Compute the surface with any height model, one whole map after the other."""
+    rays = calibration.camera.pixel_rays()
+    absolute = phase.step_rad + calibration.model.phase(rays.ax, rays.ay, 0.0)
+    height = height_model(calibration, model).height
+    z = height(absolute, rays)
+    reasons = phase.reasons.copy()
+    if heights_mm is not None:
+        reasons[((z < heights_mm[0]) | (z > heights_mm[1])) & (reasons == 0)] = int(Reason.OUT_OF_RANGE)
+    reasons[(reasons == 0) & ~np.isfinite(z)] = int(Reason.NO_RAY)
+    z = np.where(reasons == 0, z, np.nan)
+    step = 1e-3
+    slope = (height(absolute + step, rays) - height(absolute - step, rays)) / (2 * step)
+    random = np.abs(slope) * np.hypot(phase.sigma_rad.astype(float), calibration.excess_rad)
+    x, y = rays.at(z)
+    random = np.where(reasons == 0, random, np.nan)
+    return HeightMap(x, y, z, np.sqrt(random**2 + systematic.variance(z)), random, systematic, reasons)
+
+
+def _range_of(phase: ObjectPhase, calibration: RigCalibration, model: str) -> tuple[float, float]:
+    """Heights between which nearly all of a surface lies, from a sparse sample."""
+    v, u = (np.arange(0, n, max(1, n // _SAMPLE)) for n in phase.step_rad.shape)
+    step = phase.step_rad[np.ix_(v, u)]
+    rays = calibration.camera.rays(*np.meshgrid(u, v))
+    z = height_model(calibration, model).height(step + calibration.model.phase(rays.ax, rays.ay, 0.0), rays)
+    known = z[np.isfinite(z)]
+    if known.size == 0:
+        return 0.0, 1.0
+    low, high = np.quantile(known, [0.001, 0.999])
+    return float(low), float(high)
+
+
+__all__ = ["HeightMap", "ObjectPhase", "Reason", "absolute_phase", "height_of_phase", "reconstruct_height"]

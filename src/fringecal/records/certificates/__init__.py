@@ -1,0 +1,1 @@
+"""What a calibration report says, and its Digital Calibration Certificate."""

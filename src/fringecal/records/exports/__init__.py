@@ -1,0 +1,1 @@
+"""Cameras and surfaces as files that other programs read."""

@@ -1,0 +1,243 @@
+"""Cameras as files that others read and write: `.cameramodel` (mrcal) and OpenCV's YAML."""
+
+import ast
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from fringecal.camera import LENS_NAMES, RATIONAL, Lens, PlateCamera, RichLens, brown_over_picture
+from fringecal.errors import FitError, RecordError
+from fringecal.records.files import write_text
+
+Array = NDArray[np.float64]
+
+CAMERAMODEL_FILE = "camera.cameramodel"
+#: Numbers of distortion terms of mrcal's models that a `Lens` can hold.
+_MODELS = {"LENSMODEL_PINHOLE": 0, "LENSMODEL_OPENCV4": 4, "LENSMODEL_OPENCV5": 5, "LENSMODEL_OPENCV8": 8}
+_OURS = "lens_covariance"  # an entry of our own, which mrcal skips
+_SIZE = len(LENS_NAMES)
+_SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_"
+#: What Brown's lens may leave of a richer one that a file states, rms over the picture.
+MAX_LEFT_PX = 0.1
+_ON_PLATE = "Reference frame: the plate, mm, z toward the camera."
+
+
+def cameramodel_text(camera: PlateCamera) -> str:
+    """Return a pinhole camera on the plate as the text of a `.cameramodel` (LENSMODEL_OPENCV5).
+
+    The reference frame is the plate frame in mm; `extrinsics` map it to the camera's frame (Rodrigues
+    rotation, translation), as mrcal has it.
+
+    Raises
+    ------
+    RecordError
+        A telecentric camera: the format has no model for parallel rays.
+    """
+    if camera.telecentric:
+        raise RecordError("a telecentric camera cannot be written as a .cameramodel: the format knows pinholes only")
+    turn = Rotation.from_matrix(camera.rotation).as_rotvec()
+    shift = -camera.rotation @ camera.position_mm
+    return _text(
+        _lens_values(camera), (camera.width_px, camera.height_px), np.concatenate([turn, shift]), None, _ON_PLATE
+    )
+
+
+def lens_text(lens: Lens) -> str:
+    """Return a lens without pose as the text of a `.cameramodel`, with its covariance where it is known."""
+    covariance = lens.covariance if lens.covariance_known else None
+    return _text(lens.values, (lens.width_px, lens.height_px), np.zeros(6), covariance, "A lens without pose.")
+
+
+def opencv_text(lens: Lens) -> str:
+    """Return a lens as OpenCV's calibration YAML, with the covariance of fx, fy, cx, cy, k1, k2, p1, p2, k3."""
+    fx, fy, cx, cy, *distortion = lens.values
+    matrices = {
+        "camera_matrix": np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]),
+        "distortion_coefficients": np.array([distortion]).T,
+    }
+    if lens.covariance_known:
+        matrices[_OURS] = lens.covariance
+    parts = [f"image_width: {lens.width_px}\nimage_height: {lens.height_px}\n"]
+    for name, matrix in matrices.items():
+        rows, columns = matrix.shape
+        parts.append(
+            f"{name}: !!opencv-matrix\n   rows: {rows}\n   cols: {columns}\n   dt: d\n"
+            f"   data: [ {_numbers(matrix.ravel())} ]\n"
+        )
+    return "%YAML:1.0\n---\n" + "".join(parts)
+
+
+def write_cameramodel(path: str | Path, camera: PlateCamera) -> Path:
+    """Write a camera on the plate as a `.cameramodel`, whole or not at all."""
+    return write_text(path, cameramodel_text(camera))
+
+
+def write_lens(path: str | Path, lens: Lens) -> Path:
+    """Write a lens, as OpenCV's YAML if the name ends so, else as a `.cameramodel`."""
+    yaml = Path(path).suffix.lower() in (".yml", ".yaml")
+    return write_text(path, opencv_text(lens) if yaml else lens_text(lens))
+
+
+def rich_lens_text(rich: RichLens) -> str:
+    """Return a lens of mrcal's further models, which Brown's follows in the rig, as the text of a `.cameramodel`.
+
+    Its covariance stays with Brown's lens: mrcal's files have no place for it.
+    """
+    size = rich.width_px, rich.height_px
+    return _text(rich.values, size, np.zeros(6), None, "A lens without pose.", model=rich.model)
+
+
+def read_lens(path: str | Path) -> Lens:
+    """Read the lens of a `.cameramodel` or of OpenCV's YAML; its pose, if any, is left aside.
+
+    Raises
+    ------
+    RecordError
+        The file cannot be read, is neither of the two, or holds a model that has no Brown's distortion.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordError(f"{path}: cannot be read as a camera model ({error})") from error
+    try:
+        return parse_lens(text)
+    except RecordError as error:
+        raise RecordError(f"{path}: {error}") from error
+
+
+def parse_lens(text: str) -> Lens:
+    """Read a lens from the text of either format."""
+    if "opencv-matrix" in text:
+        return _from_yaml(text)
+    try:
+        entries = ast.literal_eval(text.strip())
+    except (ValueError, SyntaxError, MemoryError, RecursionError) as error:
+        raise RecordError("neither a .cameramodel nor OpenCV's YAML; export the camera anew") from error
+    if not isinstance(entries, dict):
+        raise RecordError("no .cameramodel: it holds no entries; export the camera anew")
+    return _from_entries(entries)
+
+
+def _from_entries(entries: dict[str, Any]) -> Lens:
+    model = str(entries.get("lensmodel", entries.get("lens_model", "none")))
+    splined = model.startswith(_SPLINED)
+    if model not in _MODELS and not splined:
+        raise RecordError(
+            f"the lens model {model} cannot be used: rays here are straight with Brown's distortion; convert it with "
+            "mrcal-convert-lensmodel to LENSMODEL_OPENCV5"
+        )
+    try:
+        values = np.array(entries["intrinsics"], dtype=float)
+        width, height = (int(n) for n in entries["imagersize"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise RecordError(
+            "intrinsics or imagersize is missing or no list of numbers; export the camera anew"
+        ) from error
+    if splined:
+        return _followed(RichLens(model, values, np.zeros((values.size,) * 2), width, height))
+    if values.shape != (4 + _MODELS[model],):
+        raise RecordError(f"{model} has {4 + _MODELS[model]} intrinsics, found {values.size}; export the camera anew")
+    return _lens(values[:4], values[4:], (width, height), entries.get(_OURS))
+
+
+def _from_yaml(text: str) -> Lens:
+    matrix, distortion = _matrix(text, "camera_matrix"), _matrix(text, "distortion_coefficients")
+    if matrix is None or matrix.shape != (3, 3) or distortion is None:
+        raise RecordError("camera_matrix (3 x 3) or distortion_coefficients is missing; export the calibration anew")
+    size = [re.search(rf"^image_{side}:\s*(\d+)", text, flags=re.MULTILINE) for side in ("width", "height")]
+    if size[0] is None or size[1] is None:
+        raise RecordError("image_width or image_height is missing; add both, in px")
+    core = matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
+    return _lens(core, distortion.ravel(), (int(size[0][1]), int(size[1][1])), _matrix(text, _OURS))
+
+
+def _matrix(text: str, name: str) -> Array | None:
+    """One matrix of OpenCV's YAML, or None; its `---` and tags make it no YAML to plain readers."""
+    found = re.search(
+        rf"^{name}:\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\w+\s+data:\s*\[([^\]]*)\]",
+        text,
+        flags=re.MULTILINE,
+    )
+    if found is None:
+        return None
+    try:
+        return np.array([float(number) for number in found[3].split(",")]).reshape(int(found[1]), int(found[2]))
+    except ValueError as error:
+        raise RecordError(f"{name}: not as many numbers as rows and columns say; export it anew") from error
+
+
+def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any) -> Lens:
+    """Build the lens and refuse what cannot be one."""
+    if np.any(distortion[5:]):
+        if len(distortion) != _MODELS[RATIONAL]:
+            raise RecordError(
+                f"its {len(distortion)} distortion terms are not Brown's five or the rational model's eight; calibrate "
+                "with k1, k2, p1, p2, k3 alone"
+            )
+        values = np.concatenate([core, distortion])
+        return _followed(RichLens(RATIONAL, values, np.zeros((values.size,) * 2), *size))
+    values = np.concatenate([core, distortion[:5], np.zeros(max(0, 5 - len(distortion)))])
+    if not (np.isfinite(values).all() and min(values[:2]) > 0 and min(size) > 0):
+        raise RecordError("a focal length or size is not positive, or a number is not finite; export the camera anew")
+    if covariance is None:
+        return Lens(values, np.zeros((_SIZE, _SIZE)), *size, covariance_known=False)
+    table = np.asarray(covariance, dtype=float)
+    if table.shape != (_SIZE, _SIZE) or not np.isfinite(table).all() or not np.allclose(table, table.T):
+        raise RecordError(f"{_OURS} is no symmetric table of {_SIZE} x {_SIZE} numbers; leave it out or write it anew")
+    return Lens(values, table, *size)
+
+
+def _followed(rich: RichLens) -> Lens:
+    """Brown's lens in place of a richer one, if it follows that over the whole picture."""
+    try:
+        if not (np.isfinite(rich.values).all() and min(rich.values[:2]) > 0):
+            raise ValueError("a focal length is not positive, or a number is not finite")
+        found = brown_over_picture(rich)
+        left = float(np.sqrt(np.mean(found.left_px**2)))
+    except (FitError, ValueError, RuntimeError) as error:
+        raise RecordError(f"its {rich.model.removeprefix('LENSMODEL_')} lens cannot be used: {error}") from error
+    if not left < MAX_LEFT_PX:
+        raise RecordError(
+            f"Brown's lens, which the rig's camera has, follows its {rich.model.removeprefix('LENSMODEL_')} lens to "
+            f"{left:.2g} px rms only, {MAX_LEFT_PX} are allowed; calibrate with k1, k2, p1, p2, k3 alone"
+        )
+    return replace(found.lens, covariance_known=False)
+
+
+def _lens_values(camera: PlateCamera) -> Array:
+    """Lens parameters of a camera on the plate in the order of `LENS_NAMES`."""
+    (u0, v0), focal = camera.centre_px, camera.focal_px
+    distortion = [camera[name] for name in ("k1", "k2", "p1", "p2", "k3")]
+    return np.array([focal, focal / camera["aspect"], u0 + camera["cu_px"], v0 + camera["cv_px"], *distortion])
+
+
+def _text(
+    values: Array,
+    size: tuple[int, int],
+    pose: Array,
+    covariance: Array | None,
+    what: str,
+    *,
+    model: str = "LENSMODEL_OPENCV5",
+) -> str:
+    rows = "" if covariance is None else "".join(f"                    [ {_numbers(row)} ],\n" for row in covariance)
+    ours = f"    '{_OURS}': [\n{rows}    ],\n" if rows else ""
+    return (
+        f"# Written by fringecal. {what}\n"
+        "{\n"
+        f"    'lensmodel':  '{model}',\n"
+        f"    'intrinsics': [ {_numbers(values)} ],\n"
+        f"    'extrinsics': [ {_numbers(pose)} ],\n"
+        f"{ours}"
+        f"    'imagersize': [ {size[0]}, {size[1]} ]\n"
+        "}\n"
+    )
+
+
+def _numbers(values: Array | list[float]) -> str:
+    return ", ".join(f"{value:.12g}" for value in values)

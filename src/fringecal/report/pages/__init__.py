@@ -1,0 +1,1 @@
+"""Pages over a history, for the browser."""

@@ -1,0 +1,18 @@
+from .access import (
+    LOOPBACK as LOOPBACK,
+)
+from .access import (
+    guard as guard,
+)
+from .desk import (
+    Desk as Desk,
+)
+from .runs import (
+    Runs as Runs,
+)
+from .session_desk import (
+    desk_pages as desk_pages,
+)
+from .uploads import (
+    Bounds as Bounds,
+)

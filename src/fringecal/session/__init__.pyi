@@ -1,0 +1,54 @@
+from .capture_files import (
+    natural_key as natural_key,
+)
+from .capture_files import (
+    read_bytes as read_bytes,
+)
+from .captures import (
+    Capture as Capture,
+)
+from .captures import (
+    Session as Session,
+)
+from .check_document import (
+    check_report as check_report,
+)
+from .check_document import (
+    check_schema as check_schema,
+)
+from .checking import (
+    SessionCheck as SessionCheck,
+)
+from .checking import (
+    check_session as check_session,
+)
+from .checking import (
+    load_session as load_session,
+)
+from .document import (
+    FILE_NAME as FILE_NAME,
+)
+from .document import (
+    SessionDocument as SessionDocument,
+)
+from .faults import (
+    Fault as Fault,
+)
+from .faults import (
+    PictureError as PictureError,
+)
+from .faults import (
+    joined as joined,
+)
+from .picture import (
+    decode as decode,
+)
+from .picture import (
+    to_grey as to_grey,
+)
+from .temporary import (
+    temporary_session as temporary_session,
+)
+from .write import (
+    write_session as write_session,
+)

@@ -1,0 +1,1 @@
+"""What a virtual rig is: camera, projector, light, noise, and what is true of it."""

@@ -1,0 +1,45 @@
+"""From a rig's list of captures to the scene that each of them shows."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fringecal.simulate.rig.rig_spec import CaptureSpec, RigSpec
+from fringecal.simulate.scene.leaf import leaf_scene
+from fringecal.simulate.scene.objects import scene_of
+from fringecal.simulate.scene.scene import Scene, plate
+from fringecal.targets import Target, load_target, parse_target
+
+
+def capture_scene(rig: RigSpec, capture: CaptureSpec, target: Target | None) -> Scene:
+    """Put what a capture shows in its place on the plate."""
+    if target is not None:
+        scene = scene_of(target, field_mm=field_mm(rig))
+    else:
+        scene = leaf_scene() if capture.kind == "object" else plate()
+    if capture.dirt:
+        scene = replace(scene, pattern=replace(scene.pattern, specks=_specks(rig, capture.dirt)))
+    angle_deg = capture.rotation_deg + (90.0 if capture.direction == "rows" else 0.0)
+    return scene.placed(*capture.position_mm, angle_deg)
+
+
+def stated_target(capture: CaptureSpec) -> Target | None:
+    """Return the target that a capture states: shipped by name, or written into the rig."""
+    if capture.target is None:
+        return None
+    if isinstance(capture.target, dict):
+        return parse_target(capture.target)
+    return load_target(capture.target)
+
+
+def field_mm(rig: RigSpec) -> tuple[float, float]:
+    """Size of the picture on the plate along x and y."""
+    scale = rig.camera.scale_mm_per_px
+    return scale * rig.camera.width_px, scale * rig.camera.height_px
+
+
+def _specks(rig: RigSpec, n_specks: int) -> np.ndarray:
+    """Strew dirt over the field: x, y and radius in mm; it lies where the surface's seed puts it."""
+    half = np.array(field_mm(rig)) / 2
+    low, high = [-half[0], -half[1], 0.2], [half[0], half[1], 1.0]
+    return np.random.default_rng([rig.surface.seed, n_specks]).uniform(low, high, (n_specks, 3))

@@ -1,0 +1,1 @@
+"""Rays against surfaces, light, and what the camera makes of it."""

@@ -1,0 +1,63 @@
+from .forms.folds import (
+    Fold as Fold,
+)
+from .forms.folds import (
+    folds_of as folds_of,
+)
+from .forms.folds import (
+    folds_table as folds_table,
+)
+from .forms.probes import (
+    Probe as Probe,
+)
+from .forms.probes import (
+    probe as probe,
+)
+from .forms.readings import (
+    Reading as Reading,
+)
+from .forms.readings import (
+    readings_table as readings_table,
+)
+from .forms.readings import (
+    take_readings as take_readings,
+)
+from .zigzag.filters import (
+    FILTERS as FILTERS,
+)
+from .zigzag.filters import (
+    FilterResult as FilterResult,
+)
+from .zigzag.filters import (
+    filter_study as filter_study,
+)
+from .zigzag.filters import (
+    filtered as filtered,
+)
+from .zigzag.filters import (
+    models_table as models_table,
+)
+from .zigzag.filters import (
+    ranking_table as ranking_table,
+)
+from .zigzag.height_errors import (
+    ZigzagErrors as ZigzagErrors,
+)
+from .zigzag.height_errors import (
+    zigzag_errors as zigzag_errors,
+)
+from .zigzag.pose import (
+    ZigzagPose as ZigzagPose,
+)
+from .zigzag.profiles import (
+    ProfileCurve as ProfileCurve,
+)
+from .zigzag.profiles import (
+    ProfileErrors as ProfileErrors,
+)
+from .zigzag.registration import (
+    register_zigzag as register_zigzag,
+)
+from .zigzag.zigzag_shape import (
+    zigzag_shape as zigzag_shape,
+)

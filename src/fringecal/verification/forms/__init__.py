@@ -1,0 +1,1 @@
+"""Flats, steps, wedges, boxes, spheres and ball bars: their numbers beside the certificate; folds."""

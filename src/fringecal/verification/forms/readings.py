@@ -1,0 +1,154 @@
+"""An artefact's numbers beside its certificate: error, uncertainty of both, and what the uncertainty is made of."""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.verification.forms.probes import Numbers, Probe
+from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
+
+ByCause = Callable[[Floats, Floats, Floats], Iterable[tuple[str, Floats]]]
+
+_MOST = 6000  # points of a group that are moved by each cause: a smooth change needs no more
+_BLOCKS = 24  # of the picture, left out in turn; neighbours share their errors
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One number of an artefact.
+
+    Parameters
+    ----------
+    name, unit
+        What it is.
+    measured
+        From all points of the artefact.
+    reference, u_reference
+        The certified value and its standard uncertainty; None where the certificate says nothing.
+    u_measured
+        Standard uncertainty of the measured value: the calibration's, and the scatter between parts of the picture;
+        None for a form error, which contains the noise by definition.
+    budget
+        Contributions to `u_measured` by cause.
+    points
+        Number of points.
+    """
+
+    name: str
+    unit: str
+    measured: float
+    reference: float | None
+    u_reference: float
+    u_measured: float | None
+    points: int
+    budget: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def error(self) -> float | None:
+        """Measured minus certified value."""
+        return None if self.reference is None else self.measured - self.reference
+
+    @property
+    def en(self) -> float | None:
+        """Error over the root sum of squares of both expanded uncertainties (k = 2)."""
+        if self.error is None or self.u_measured is None:
+            return None
+        u = math.hypot(self.u_measured, self.u_reference)
+        return self.error / (2 * u) if u > 0 else None
+
+
+def take_readings(probe: Probe, surface: Surface, by_cause: ByCause) -> tuple[Reading, ...]:
+    """Evaluate a probe on a surface.
+
+    Parameters
+    ----------
+    probe
+        Pixels and numbers of the artefact.
+    surface
+        The height map that it was found in.
+    by_cause
+        `by_cause(u_px, v_px, z_mm)` yields a label and moved points (n, 3) for every cause of the calibration's
+        uncertainty; see `fringecal.reconstruct.perturbed.points_by_cause`.
+    """
+    cloud = np.stack([np.asarray(m, float) for m in (surface.x, surface.y, surface.z)], axis=-1).reshape(-1, 3)
+    width = np.shape(surface.z)[1]
+    measured = probe.numbers([cloud[group] for group in probe.groups])
+    thin = [_thinned(group) for group in probe.groups]
+    base = probe.numbers([cloud[group] for group in thin])
+    changes = _changes(probe, thin, cloud, width, base, by_cause)
+    scatter = _jackknife(probe, thin, cloud, width)
+    points = sum(group.size for group in probe.groups)
+    readings = []
+    for name, value in measured.items():
+        reference = probe.references.get(name)
+        budget = {label: change[name] for label, change in changes.items()} | {
+            "scatter over the artefact": scatter[name]
+        }
+        stated = None if name in probe.forms else math.sqrt(sum(c**2 for c in budget.values()))
+        readings.append(
+            Reading(
+                name=name,
+                unit=probe.units.get(name, "mm"),
+                measured=value,
+                reference=None if reference is None else reference.value,
+                u_reference=0.0 if reference is None else reference.u,
+                u_measured=stated,
+                points=points,
+                budget={} if stated is None else budget,
+            )
+        )
+    return tuple(readings)
+
+
+def readings_table(readings: Sequence[Reading]) -> pd.DataFrame:
+    """Return readings as a table, one row each."""
+    columns = ("name", "unit", "measured", "reference", "error", "u_measured", "u_reference", "en", "points")
+    return pd.DataFrame([{c: getattr(r, c) for c in columns} for r in readings])
+
+
+def _thinned(group: NDArray[np.intp]) -> NDArray[np.intp]:
+    if group.size <= _MOST:
+        return group
+    return np.sort(np.random.default_rng(2634).permutation(group)[:_MOST])
+
+
+def _changes(  # noqa: PLR0913, PLR0917 -- private: what moves, and where
+    probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, width: int, base: Numbers, by_cause: ByCause
+) -> dict[str, Numbers]:
+    """Change of every number under each cause; several modes of one cause add in quadrature."""
+    every = np.concatenate(groups)
+    cuts = np.cumsum([group.size for group in groups])[:-1]
+    changes: dict[str, Numbers] = {}
+    for label, moved in by_cause((every % width).astype(float), (every // width).astype(float), cloud[every, 2]):
+        found = probe.numbers(np.split(moved, cuts))
+        known = changes.setdefault(label, dict.fromkeys(base, 0.0))
+        for name, value in found.items():
+            known[name] = math.hypot(known[name], value - base[name])
+    return changes
+
+
+def _jackknife(probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, width: int) -> Numbers:
+    """Standard uncertainty of every number from leaving out one block of each group at a time."""
+    blocks = [_block_of(group, width) for group in groups]
+    found = [probe.numbers([cloud[g[b != k]] for g, b in zip(groups, blocks, strict=True)]) for k in range(_BLOCKS)]
+    return {
+        name: math.sqrt((_BLOCKS - 1) / _BLOCKS * float(np.sum((v - v.mean()) ** 2)))
+        for name in found[0]
+        for v in [np.array([f[name] for f in found])]
+    }
+
+
+def _block_of(group: NDArray[np.intp], width: int) -> NDArray[np.intp]:
+    """Number each pixel's block: four across and six along, each with the same number of pixels."""
+    row, column = np.divmod(group, width)
+    across = np.argsort(np.argsort(column, kind="stable")) * 4 // group.size
+    block = np.empty(group.size, np.intp)
+    for k in range(4):
+        inside = np.flatnonzero(across == k)
+        rank = np.argsort(np.argsort(row[inside], kind="stable"))
+        block[inside] = k * 6 + rank * 6 // max(inside.size, 1)
+    return block

@@ -1,0 +1,1 @@
+"""Angle bars (zig-zag): where they lie, and their height errors along profiles."""

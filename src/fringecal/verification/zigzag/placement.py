@@ -1,0 +1,132 @@
+"""Which of the ridges are the target's, and where along them the bars end."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError
+from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, bar_number, zigzag_height
+
+TOLERANCE = 0.15  # of full height: a pixel further off is an outlier. A rig read with one constant
+# angle is off by 12 % at its edges and must still register; a wrong fringe order is off by more.
+_PLATE_WEIGHT = 0.25  # of plate against bar when places compete: too few bars still find their place
+_TELLING = 0.35  # of full height: above this the target's surface cannot be taken for the plate
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Shift of the footprint in whole bars and along the ridges, and the bars that support it."""
+
+    bars: int
+    along_mm: float
+    u_along_mm: float
+    bars_seen: int
+
+
+@dataclass(frozen=True)
+class _Ballot:
+    """Votes by bar and place along the ridges: +1 surface of a bar, -1 plate, 0 neither."""
+
+    votes: Floats
+    first_bar: int
+    along_start: float
+    bin_mm: float
+
+
+def place_footprint(
+    across: NDArray[np.floating], along: NDArray[np.floating], z: NDArray[np.floating], shape: ZigzagShape
+) -> Placement:
+    """Place the rectangle of `count` bars by `length_mm` where it holds most bar and least plate.
+
+    Every pixel whose place on the endless zig-zag is well above the plate votes: on that surface
+    +1, on the plate -1. Ends in shadow leave a plateau of equally good places; its middle is
+    taken and its width becomes the uncertainty.
+
+    Parameters
+    ----------
+    across, along, z
+        (n,) coordinates and height above the seat, mm; `across` right but for whole bars.
+
+    Raises
+    ------
+    FitError
+        More or fewer bars than the target states.
+    """
+    ballot = _count_votes(across, along, z, shape)
+    window = max(1, round(shape.length_mm / ballot.bin_mm))
+    padded = np.pad(ballot.votes, ((shape.count, shape.count), (window, window)))
+    by_bar = _moving_sum(padded, window, axis=1)
+    score = _moving_sum(np.where(by_bar < 0, _PLATE_WEIGHT * by_bar, by_bar), shape.count, axis=0)
+    bar, place, half_width = _middle_of_best(score, shape.count)
+    if not np.any(by_bar[bar : bar + shape.count, place] > 0):
+        raise FitError(
+            "no bars stand out of the plate where the flanks are; check that the capture shows the zig-zag "
+            "and that heights count toward the camera"
+        )
+    seen = _check_bars(by_bar[:, place], bar, shape.count)
+    _check_length(padded[bar : bar + shape.count], place, window, shape)
+    along_mm = ballot.along_start + (place - window + window / 2) * ballot.bin_mm
+    u_along = math.hypot(half_width / math.sqrt(3), 1 / math.sqrt(12)) * ballot.bin_mm
+    return Placement(ballot.first_bar - shape.count + bar, along_mm, u_along, seen)
+
+
+def _count_votes(
+    across: NDArray[np.floating], along: NDArray[np.floating], z: NDArray[np.floating], shape: ZigzagShape
+) -> _Ballot:
+    full = shape.height_mm
+    target = zigzag_height(across, shape)
+    telling = target > _TELLING * full
+    vote = (np.abs(z - target) < TOLERANCE * full).astype(float) - (np.abs(z) < TOLERANCE * full)
+    bin_mm = max(shape.length_mm / 400, float(np.ptp(along)) / 2000, 1e-6)
+    number = bar_number(across[telling], shape)
+    place = np.floor((along[telling] - along.min()) / bin_mm).astype(np.int64)
+    if number.size == 0:
+        raise FitError("no pixel of the surface lies where a flank could be; nothing to register")
+    first = int(number.min())
+    votes = np.zeros((int(number.max()) - first + 1, int(place.max()) + 1))
+    np.add.at(votes, (number - first, place), vote[telling])
+    return _Ballot(votes, first, float(along.min()), bin_mm)
+
+
+def _moving_sum(values: Floats, window: int, *, axis: int) -> Floats:
+    summed = np.cumsum(np.insert(values, 0, 0.0, axis=axis), axis=axis)
+    size = summed.shape[axis]
+    return summed.take(range(window, size), axis=axis) - summed.take(range(size - window), axis=axis)
+
+
+def _middle_of_best(score: Floats, count: int) -> tuple[int, int, float]:
+    """Middle of the plateau of the best score: bar, place along, half its width in bins."""
+    bars = np.flatnonzero(score.max(axis=1) >= score.max() - 0.02 / count * abs(score.max()))
+    bar = int(bars[len(bars) // 2])
+    row = score[bar]
+    best = int(np.argmax(row))
+    lower = np.flatnonzero(row < row[best] - 1e-3 * abs(row[best]))
+    first = int(lower[lower < best].max(initial=-1)) + 1
+    last = int(lower[lower > best].min(initial=row.size)) - 1
+    return bar, (first + last) // 2, (last - first) / 2
+
+
+def _check_bars(votes: Floats, bar: int, count: int) -> int:
+    inside = votes[bar : bar + count]
+    typical = float(np.median(inside[inside > 0]))
+    missing = int(np.sum(inside < -0.3 * typical))
+    extra = int(np.sum(votes > 0.3 * typical) - np.sum(inside > 0.3 * typical))
+    if missing or extra:
+        raise FitError(
+            f"the surface shows {count - missing + extra} bars where the target states {count}; "
+            "correct the target's count, or photograph the bars it describes with plate free around them"
+        )
+    return int(np.sum(inside > 0.1 * typical))
+
+
+def _check_length(votes: Floats, place: int, window: int, shape: ZigzagShape) -> None:
+    inside = votes[:, place : place + window]
+    bar, plate = inside[inside > 0].sum(), -inside[inside < 0].sum()
+    beyond = votes[votes > 0].sum() - bar
+    if max(plate, beyond) > 0.1 * bar:
+        raise FitError(
+            f"the bars are {'longer' if beyond > plate else 'shorter'} than the {shape.length_mm:g} mm "
+            "that the target states; correct the target's length"
+        )

@@ -1,0 +1,164 @@
+"""Errors along one row (or column) of the picture: statistics with uncertainty, and the curve itself."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import FitError
+from fringecal.uncertainty import combined_map, mean_uncertainty
+from fringecal.verification.zigzag.error_field import ErrorField
+from fringecal.verification.zigzag.flanks import FlankAngle, flank_angles
+from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, reference_sensitivities
+
+Pixels = NDArray[np.int64]  # flat indices into the maps
+
+_MIN_PIXELS = 10  # of a profile
+_K = 2.0  # En compares expanded uncertainties, k = 2
+
+
+@dataclass(frozen=True)
+class ProfileErrors:
+    """Height errors along one picture row (or column); percentages are of the target's full height.
+
+    Parameters
+    ----------
+    name, row_px
+        Letter, and number of the row; of the column where the ridges run along the rows.
+    x_mm, y_mm
+        Mean place of the profile's pixels on the plate.
+    n, mean_mm, sd_mm, rms_mm, max_abs_mm
+        Number of valid pixels, and mean, standard deviation, rms and largest absolute error.
+    u_mm, en
+        Standard uncertainty of the mean error, of target and heights together, and the mean
+        error against its expanded uncertainty, ``mean / (2 u)``; None where no uncertainty is known.
+    missing_share
+        Share of the profile's pixels on the bars that are masked.
+    """
+
+    name: str
+    row_px: float
+    x_mm: float
+    y_mm: float
+    n: int
+    mean_mm: float
+    sd_mm: float
+    rms_mm: float
+    max_abs_mm: float
+    mean_percent: float
+    max_percent: float
+    u_mm: float
+    en: float | None
+    missing_share: float
+
+
+@dataclass(frozen=True)
+class ProfileCurve:
+    """The pixels of one profile, (n,) each: what the plots of actual against reference show."""
+
+    name: str
+    across_mm: Floats
+    measured_mm: Floats
+    reference_mm: Floats
+    u_mm: Floats
+    edge: NDArray[np.bool_]
+    flanks: tuple[FlankAngle, ...]
+
+
+@dataclass(frozen=True)
+class Judge:
+    """The errors of one surface, and the rules by which sets of its pixels are judged.
+
+    Parameters
+    ----------
+    field, shape
+        Errors at every pixel, and the target's shape.
+    zone_mm
+        Half-width of the edge zones.
+    sensitivities, covariance
+        (K, H, W) maps of the systematic part and the covariance of its K influences, or None.
+    """
+
+    field: ErrorField
+    shape: ZigzagShape
+    zone_mm: float
+    sensitivities: NDArray[np.floating] | None = None
+    covariance: ArrayLike | None = None
+
+    def off_edges(self, pixels: Pixels) -> Pixels:
+        """Leave out the pixels in edge zones."""
+        return pixels[self.field.edge_distance.ravel()[pixels] >= self.zone_mm]
+
+    def valid(self, pixels: Pixels) -> Pixels:
+        """Leave out the masked pixels."""
+        return pixels[self.field.valid.ravel()[pixels]]
+
+    def line(self, place: int) -> Pixels:
+        """Find the pixels of the bars on one row (or column)."""
+        axis, size = self.field.axis, self.field.inside.shape
+        if not 0 <= place < size[0 if axis == "row" else 1]:
+            raise FitError(f"{axis} {place} lies outside the picture of {size} (rows, columns)")
+        numbers = np.arange(self.field.inside.size).reshape(size)
+        chosen = numbers[place] if axis == "row" else numbers[:, place]
+        return chosen[self.field.inside.ravel()[chosen]]
+
+    def stats(self, name: str, place: float, pixels: Pixels) -> ProfileErrors:
+        """Compute error statistics over the valid ones of some pixels of the bars."""
+        valid = self.valid(pixels)
+        self._check_count(name, place, pixels.size, valid.size)
+        error = self.field.error.ravel()[valid]
+        mean, largest = float(error.mean()), float(np.abs(error).max())
+        u = self._mean_u(valid)
+        percent = 100 / self.shape.height_mm
+        return ProfileErrors(
+            name=name,
+            row_px=place,
+            x_mm=float(self.field.x.ravel()[valid].mean()),
+            y_mm=float(self.field.y.ravel()[valid].mean()),
+            n=valid.size,
+            mean_mm=mean,
+            sd_mm=float(error.std(ddof=1)),
+            rms_mm=float(np.sqrt(np.mean(error**2))),
+            max_abs_mm=largest,
+            mean_percent=mean * percent,
+            max_percent=largest * percent,
+            u_mm=u,
+            en=mean / (_K * u) if u > 0 else None,
+            missing_share=1 - valid.size / pixels.size,
+        )
+
+    def curve(self, name: str, pixels: Pixels) -> ProfileCurve:
+        """Put the pixels of a profile in order, and find the angle errors of its flanks."""
+        valid = self.valid(pixels)
+        valid = valid[np.argsort(self.field.across.ravel()[valid], kind="stable")]
+        maps = (self.field.across, self.field.error, self.field.reference, self.field.u_z)
+        across, error, reference, u_z = (m.ravel()[valid] for m in maps)
+        edge = self.field.edge_distance.ravel()[valid] < self.zone_mm
+        flanks = flank_angles(across[~edge], error[~edge], self.shape)
+        return ProfileCurve(name, across, reference + error, reference, u_z, edge, flanks)
+
+    def _check_count(self, name: str, place: float, total: int, valid: int) -> None:
+        if valid >= _MIN_PIXELS:
+            return
+        remedy = f"choose {self.field.axis}s that cross lit parts of the bars"
+        if self.zone_mm > self.shape.base_mm / 5:
+            remedy = (
+                f"edge zones of {self.zone_mm:.2f} mm on each side leave next to nothing of flanks "
+                f"{self.shape.base_mm / 2:.2f} mm wide, choose narrower ones"
+            )
+        raise FitError(
+            f"profile {name} at {self.field.axis} {place:g} has {valid} valid pixels of {total} on the bars, "
+            f"{_MIN_PIXELS} are needed; {remedy}"
+        )
+
+    def _mean_u(self, valid: Pixels) -> float:
+        """Uncertainty of the mean error: heights, and the target's own leg and apex."""
+        u_z = self.field.u_z.ravel()[valid]
+        target = reference_sensitivities(self.field.across.ravel()[valid], self.shape).mean(axis=1)
+        if self.sensitivities is None:
+            return float(np.hypot(np.mean(u_z), np.linalg.norm(target)))
+        maps = self.sensitivities.reshape(len(self.sensitivities), -1)[:, valid]
+        common = combined_map(0.0, maps, self.covariance)
+        u_random = np.sqrt(np.maximum(u_z**2 - common**2, 0.0))
+        u_mean = mean_uncertainty(u_random, sensitivities=maps, covariance=self.covariance)
+        return float(np.hypot(u_mean, np.linalg.norm(target)))

@@ -1,0 +1,273 @@
+"""Angle bars found in a measured surface: position and direction, and never a scale."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.errors import FitError
+from fringecal.targets import Zigzag
+from fringecal.verification.forms.block_planes import Facets, fit_facets
+from fringecal.verification.zigzag.placement import TOLERANCE, place_footprint
+from fringecal.verification.zigzag.pose import ZigzagPose
+from fringecal.verification.zigzag.zigzag_shape import (
+    Floats,
+    Surface,
+    ZigzagShape,
+    edge_distance,
+    ridge_offset,
+    zigzag_height,
+    zigzag_shape,
+)
+
+SEATINGS = ("on-plate", "free")
+_MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
+_MAX_POINTS = 500_000
+_BLOCK_PX = 8
+_MAX_CENTRES = 300
+_GOLDEN = (math.sqrt(5) - 1) / 2
+_WINDOW_RAD = math.radians(12)  # facets this near the target's flank angle count as flanks
+_ANGLE_LIMIT_RAD = math.radians(4)  # a height scale wrong by 10 % turns a 45 deg flank by 2.7 deg
+_FLAT_RAD = math.radians(10)  # what is less steep is plate, or a block across a ridge
+_PLANE_SHARE = 0.03  # of full height: a block that departs more from its plane holds an edge
+_MIN_FACETS = 8
+_MIN_AGREEING = 0.4
+_MIN_INLIERS = 0.7
+
+
+@dataclass(frozen=True)
+class _Points:
+    x: Floats
+    y: Floats
+    z: Floats
+
+    def where(self, chosen: NDArray[np.bool_]) -> "_Points":
+        """Points chosen."""
+        return _Points(self.x[chosen], self.y[chosen], self.z[chosen])
+
+    def thinned(self, most: int) -> "_Points":
+        """At most so many points, by golden steps: an even stride could fall in step with the columns."""
+        if self.z.size <= most:
+            return self
+        index = np.floor(np.arange(most) * _GOLDEN % 1.0 * self.z.size).astype(np.int64)
+        return _Points(self.x[index], self.y[index], self.z[index])
+
+
+def register_zigzag(surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate") -> ZigzagPose:
+    """Find the bars of a zig-zag target in a measured surface.
+
+    Facets give the direction, the target's period the place across, the plate beside the bars
+    and their ends the count and the place along; a Tukey-weighted fit to the flanks refines.
+    Size and shape are never fitted, so that an error of scale stays in the heights.
+
+    Parameters
+    ----------
+    surface
+        Height map with maps x, y, z in mm and mask, each (H, W).
+    target
+        Zig-zag target, or its `ZigzagShape`.
+    seating
+        "on-plate": the bars stand on z = 0, and a mean error of height stays an error. "free":
+        height and two tilts of the seat are fitted and reported as well.
+
+    Raises
+    ------
+    FitError
+        The surface is no zig-zag, or one of another period, apex or number of bars.
+    """
+    if seating not in SEATINGS:
+        raise ValueError(f"seating {seating!r} is not one of {SEATINGS}")
+    shape = target if isinstance(target, ZigzagShape) else zigzag_shape(target)
+    valid = _usable(surface)
+    maps = (surface.x, surface.y, surface.z)
+    points = _Points(*(np.asarray(m, float)[valid] for m in maps)).thinned(_MAX_POINTS)
+    side = _block_px(surface, valid, shape)
+    thin = slice(None, None, max(1, side // _BLOCK_PX))  # a facet needs no more pixels than this leaves
+    x, y, z = (np.asarray(m)[thin, thin] for m in maps)
+    facets = fit_facets(x, y, z, valid[thin, thin], block_px=max(4, side // thin.step))
+    rotation, flanks = _direction(facets, shape)
+    _check_apex(flanks, shape)
+    centres = _Points(flanks.x, flanks.y, flanks.z).thinned(_MAX_CENTRES)
+    _check_period(centres, rotation, shape)
+    pose = _refined(_first_place(centres, rotation, shape), centres, shape)
+    for free in (False, seating == "free"):
+        pose = _placed(pose, points, shape)
+        flank_points = points.where(_flank_points(pose, points, shape)).thinned(_MAX_PIXELS)
+        pose = _refined(pose, flank_points, shape, free=free)
+    return _judged(_placed(pose, points, shape), points, shape)
+
+
+def _usable(surface: Surface) -> NDArray[np.bool_]:
+    shapes = {np.shape(m) for m in (surface.x, surface.y, surface.z, surface.mask)}
+    if len(shapes) > 1 or len(next(iter(shapes))) != 2:
+        raise FitError(f"the surface's maps x, y, z and mask differ in shape: {sorted(shapes)}; one is needed")
+    finite = np.isfinite(surface.x) & np.isfinite(surface.y) & np.isfinite(surface.z)
+    valid = np.asarray(surface.mask, bool) & finite
+    if np.count_nonzero(valid) < 500:
+        raise FitError(
+            f"only {np.count_nonzero(valid)} valid pixels in the surface, at least 500 are needed; "
+            "look at the mask's reasons before registering the bars"
+        )
+    return valid
+
+
+def _block_px(surface: Surface, valid: NDArray[np.bool_], shape: ZigzagShape) -> int:
+    """Side of a facet: a third of a flank, so that some lie wholly on it whatever the direction."""
+    step = np.hypot(np.diff(surface.x, axis=1), np.diff(surface.y, axis=1))[valid[:, 1:] & valid[:, :-1]]
+    pixel_mm = float(np.median(step)) if step.size else shape.base_mm / 36
+    return max(4, round(shape.base_mm / 6 / max(pixel_mm, 1e-9)))
+
+
+def _direction(facets: Facets, shape: ZigzagShape) -> tuple[float, Facets]:
+    """Direction across the ridges by a vote of the flanks' gradients, and the flanks that agree."""
+    flank_angle = math.atan(shape.slope)
+    plane = facets.residual < _PLANE_SHARE * shape.height_mm
+    steep = plane & (np.abs(facets.angle_rad - flank_angle) < _WINDOW_RAD)
+    heading = np.arctan2(facets.q, facets.p)
+    if steep.sum() >= max(_MIN_FACETS, _MIN_AGREEING * np.sum(plane & (facets.angle_rad > _FLAT_RAD))):
+        votes, edges = np.histogram(np.mod(heading[steep], math.pi), bins=60, range=(0, math.pi))
+        votes = votes + np.roll(votes, 1) + np.roll(votes, -1)
+        rotation = float(edges[np.argmax(votes)] + (edges[1] - edges[0]) / 2)
+        agree = steep
+        for window in (math.radians(12), math.radians(6)):
+            agree = steep & (np.abs(_half_turn(heading - rotation)) < window)
+            rotation += float(np.median(_half_turn(heading[agree] - rotation)))
+        if agree.sum() >= max(_MIN_FACETS, _MIN_AGREEING * steep.sum()):
+            return float(_half_turn(rotation)), facets.where(agree)
+    raise FitError(
+        f"no zig-zag: {int(steep.sum())} of {steep.size} facets have the target's flank angle of "
+        f"{math.degrees(flank_angle):.1f} deg and no direction wins among them{_steepness(facets)}; "
+        "check that the capture shows the bars and that the target states their apex angle"
+    )
+
+
+def _half_turn(angle: NDArray[np.floating] | float) -> NDArray[np.floating] | float:
+    """Angle of an undirected line, in (-pi/2, pi/2]."""
+    return math.pi / 2 - np.mod(math.pi / 2 - angle, math.pi)
+
+
+def _steepness(facets: Facets) -> str:
+    steep = facets.angle_rad[facets.angle_rad > _FLAT_RAD]
+    if steep.size < _MIN_FACETS:
+        return " (the surface is flat)"
+    return f" (the steep ones stand at {math.degrees(float(np.median(steep))):.1f} deg)"
+
+
+def _check_apex(flanks: Facets, shape: ZigzagShape) -> None:
+    measured = float(np.median(flanks.angle_rad))
+    if abs(measured - math.atan(shape.slope)) > _ANGLE_LIMIT_RAD:
+        raise FitError(
+            f"the flanks stand at {math.degrees(measured):.1f} deg, an apex of "
+            f"{180 - 2 * math.degrees(measured):.1f} deg, where the target states {shape.apex_deg:g} deg; "
+            "check the target's apex angle, then the height calibration"
+        )
+
+
+def _check_period(flanks: _Points, rotation: float, shape: ZigzagShape) -> None:
+    """Refuse bars of the right angle and another size, by trying other periods."""
+    across = ZigzagPose(0.0, 0.0, rotation).across_along(flanks.x, flanks.y)[0]
+    factors = np.linspace(0.7, 1.4, 36)
+    sizes = [replace(shape, leg_mm=shape.leg_mm * f, ridge_radius_mm=0.0) for f in factors]
+    misfit = np.array([_shift_misfits(across, flanks.z, size)[1].min() for size in sizes])
+    best = int(np.argmin(misfit))
+    stated = float(misfit[np.argmin(np.abs(factors - 1))])
+    if abs(factors[best] - 1) > 0.04 and misfit[best] < 0.5 * stated:
+        raise FitError(
+            f"the surface repeats every {sizes[best].base_mm:.1f} mm where the target repeats every "
+            f"{shape.base_mm:.1f} mm; check the target's leg_mm, then the lateral scale"
+        )
+
+
+def _shift_misfits(across: Floats, z: Floats, shape: ZigzagShape) -> tuple[Floats, Floats]:
+    """Mean distance to the endless zig-zag, capped, for 36 shifts over one period."""
+    shifts = np.arange(36) / 36 * shape.base_mm
+    misfit = np.abs(z - zigzag_height(across - shifts[:, None], shape))
+    return shifts, np.minimum(misfit, 0.3 * shape.height_mm).mean(axis=1)
+
+
+def _first_place(flanks: _Points, rotation: float, shape: ZigzagShape) -> ZigzagPose:
+    start = ZigzagPose(float(np.median(flanks.x)), float(np.median(flanks.y)), rotation)
+    shifts, misfit = _shift_misfits(start.across_along(flanks.x, flanks.y)[0], flanks.z, shape)
+    return _shifted(start, across_mm=float(shifts[np.argmin(misfit)]))
+
+
+def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0) -> ZigzagPose:
+    c, s = math.cos(pose.rotation_rad), math.sin(pose.rotation_rad)
+    dx, dy = c * across_mm - s * along_mm, s * across_mm + c * along_mm
+    x, y = pose.x_mm + dx, pose.y_mm + dy
+    z = pose.z_mm + pose.tilt_x_rad * dx + pose.tilt_y_rad * dy
+    return replace(pose, x_mm=x, y_mm=y, z_mm=z)
+
+
+def _placed(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
+    across, along = pose.across_along(points.x, points.y)
+    place = place_footprint(across, along, points.z - pose.seat_height(points.x, points.y), shape)
+    moved = _shifted(pose, across_mm=place.bars * shape.base_mm, along_mm=place.along_mm)
+    return replace(moved, u_along_mm=place.u_along_mm, bars_seen=place.bars_seen)
+
+
+def _flank_points(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> NDArray[np.bool_]:
+    """Points of the flanks, clear of ridges, valleys and the bars' ends."""
+    across, along = pose.across_along(points.x, points.y)
+    clear = edge_distance(across, shape) > 0.06 * shape.base_mm
+    within = np.abs(along) < 0.48 * shape.length_mm
+    return clear & within & (np.abs(across) < shape.count * shape.base_mm / 2)
+
+
+def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool = False) -> ZigzagPose:
+    """Gauss-Newton with Tukey weights for place across and rotation, and the seat if `free`."""
+    if points.z.size < _MIN_FACETS:
+        raise FitError("next to no lit flank lies where the bars were found; more of the bars must be lit")
+    covariance = np.zeros((0, 0))
+    scale = math.inf
+    for _ in range(12):
+        residual, jacobian = _linearised(pose, points, shape, free=free)
+        scale = max(1.4826 * float(np.median(np.abs(residual))), 1e-6 * shape.height_mm)
+        weight = np.maximum(1 - (residual / (4.685 * scale)) ** 2, 0.0) ** 2
+        normal = jacobian.T @ (weight[:, None] * jacobian)
+        if np.linalg.cond(normal / np.outer(*[np.sqrt(np.diag(normal))] * 2)) > 1e10:
+            raise FitError("the visible flanks do not fix the bars' position; more of the bars must be lit")
+        step = np.linalg.solve(normal, jacobian.T @ (weight * residual))
+        pose = _stepped(pose, step)
+        covariance = scale**2 * np.linalg.inv(normal)
+        if abs(step[0]) < 1e-7 * shape.base_mm and abs(step[1]) < 1e-9:
+            break
+    names = ("across_mm", "rotation_rad", "z_mm", "tilt_x_rad", "tilt_y_rad")[: len(covariance)]
+    return replace(pose, names=names, covariance=covariance, residual_sd_mm=scale)
+
+
+def _linearised(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool) -> tuple[Floats, Floats]:
+    across, along = pose.across_along(points.x, points.y)
+    residual = points.z - zigzag_height(across, shape) - pose.seat_height(points.x, points.y)
+    slope = -np.sign(ridge_offset(across, shape)) * shape.slope
+    columns = [-slope, slope * along]
+    if free:
+        columns += [np.ones_like(along), points.x - pose.x_mm, points.y - pose.y_mm]
+    return residual, np.stack(columns, axis=1)
+
+
+def _stepped(pose: ZigzagPose, step: Floats) -> ZigzagPose:
+    moved = _shifted(pose, across_mm=float(step[0]))
+    moved = replace(moved, rotation_rad=float(_half_turn(pose.rotation_rad + step[1])))
+    if len(step) == 2:
+        return moved
+    return replace(
+        moved,
+        z_mm=moved.z_mm + float(step[2]),
+        tilt_x_rad=pose.tilt_x_rad + float(step[3]),
+        tilt_y_rad=pose.tilt_y_rad + float(step[4]),
+    )
+
+
+def _judged(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> ZigzagPose:
+    inside = points.where(_flank_points(pose, points, shape))
+    residual = inside.z - pose.reference_height(inside.x, inside.y, shape)
+    share = float(np.mean(np.abs(residual) < TOLERANCE * shape.height_mm))
+    if share < _MIN_INLIERS:
+        raise FitError(
+            f"the surface is not this zig-zag: {100 * share:.0f} % of the flank pixels lie within "
+            f"{100 * TOLERANCE:.0f} % of full height of it, {100 * _MIN_INLIERS:.0f} % are needed; "
+            "look for regions of wrong fringe order, or a bar that is not of this kind"
+        )
+    return replace(pose, inlier_share=share)

@@ -1,0 +1,1 @@
+"""One folder per verb, each with the same files: run, checks, record, report."""

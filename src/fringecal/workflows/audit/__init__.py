@@ -1,0 +1,5 @@
+"""The periodic audit: a smaller session against the calibration in force."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,145 @@
+"""How well an audit knows each change: today's scatter, the calibration's own doubt, and what two sessions share."""
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import CAMERA_NAMES
+from fringecal.projector import RigCalibration
+from fringecal.records import AppearanceRecord
+from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, Layout, camera_quantities
+from fringecal.workflows.audit.observed import GridToday, PlateToday, StripsToday, base_state
+from fringecal.workflows.commission import SURFACE_POINTS
+
+Array = NDArray[np.float64]
+type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]
+
+#: Ripple of 0.01 rad over fifty fringes leaves so much of itself in a smooth term. Strips have fewer pixels and edges,
+#: and lie elsewhere each time: on virtual rigs with gamma, texture and distortion the tilt of their step moves so much.
+_FLOOR_RAD = {"plate": 1e-4, "strips": 4e-4}
+_FLOOR_PX = 0.02  # of the corner, likewise
+_U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 0.0075 px over virtual rigs
+_U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
+_U_LIGHT_LEAST = 0.002  # what no number of repeats within minutes says of the next month
+_ENOUGH_REPEATS = 4  # from so many on, their scatter has a standard deviation at all (JCGM 101:2008, 6.4.9.4)
+_OF_THE_CAMERA = ("grid pitch", "camera height", "principal point", "camera tilt", "lens")  # the same in both sessions
+
+
+def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observed, u_contrast: float) -> Array:
+    """Covariance of the change: today's scatter, the calibration's own, and artefacts that are not the same ones.
+
+    `u_contrast` is the relative standard uncertainty of the contrast's change.
+    """
+    grid, plate, strips = observed
+    parts = layout.parts
+    size = max(part.stop for part in parts.values())
+    total = np.zeros((size, size))
+    if grid is not None:
+        total[parts["camera"], parts["camera"]] += _camera_scatter(grid)
+    if plate is not None:
+        total[parts["plate"], parts["plate"]] += _plate_scatter(plate, calibration)[1:, 1:]
+    for today, part in zip(strips, layout.strip_parts, strict=True):
+        total[part, part] += _scatter(today.tops.blocks, STRIPS_DEGREE)
+    total += _calibration_doubt(layout, calibration, observed)
+    floors = {"blur": _U_BLUR_PX, "contrast": u_contrast, **_FLOOR_RAD}
+    for name, floor in floors.items():
+        total[parts[name], parts[name]] += floor**2 * np.eye(parts[name].stop - parts[name].start)
+    if grid is not None:
+        corner = parts["camera"].stop - 1
+        total[corner, corner] += _FLOOR_PX**2
+    return total
+
+
+def _scatter(blocks: Blocks, degree: int) -> Array:
+    """Covariance of the terms from the scatter of the blocks."""
+    design = blocks.design(degree)
+    left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
+    variance = float(left @ left) / max(left.size - design.shape[1], 1)
+    return variance * np.linalg.inv(design.T @ design)
+
+
+def _plate_scatter(plate: PlateToday, calibration: RigCalibration) -> Array:
+    """Covariance of the plate's terms: blocks scatter today as they did, and the calibration saw fewer pixels.
+
+    It follows its plate by a smooth residual through some thousands of single pixels, whose own noise does not vanish
+    as it does from all pixels today.
+    """
+    light, design = plate.phase.map, plate.blocks.design(PLATE_DEGREE)
+    variance = float(np.nanmedian(light.sigma[light.valid])) ** 2 + calibration.excess_rad**2
+    used = min(SURFACE_POINTS, int(plate.blocks.pixels.sum()))
+    single = variance / used * np.linalg.inv(design.T @ design / len(design))
+    return 2 * _scatter(plate.blocks, PLATE_DEGREE) + single
+
+
+def _camera_scatter(grid: GridToday) -> Array:
+    """Covariance of the camera's quantities: today's crossings, and the pitch where it is another sheet's."""
+    camera = grid.fit.camera
+    shared = [e for label, e in grid.fit.causes.items() if not (label == "grid pitch" and not grid.same_sheet)]
+    covariance = camera.covariance - sum((np.outer(e, e) for e in shared), np.zeros_like(camera.covariance))
+    base = camera_quantities(camera)
+    spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    slopes = np.zeros((base.size, len(CAMERA_NAMES)))
+    for i in np.flatnonzero(spread):
+        step = spread[i] * np.eye(len(CAMERA_NAMES))[i]
+        slopes[:, i] = (camera_quantities(camera.replaced(camera.parameters + step)) - base) / spread[i]
+    return slopes @ covariance @ slopes.T
+
+
+def _calibration_doubt(layout: Layout, calibration: RigCalibration, observed: Observed) -> Array:
+    """Covariance of what the calibration predicts, from every cause that does not fall out of the comparison.
+
+    Each cause's effect is what an unchanged rig would show today if the cause were one standard uncertainty off: the
+    rig as it then is, less the rig as it was calibrated.
+    """
+    grid, _, strips = observed
+    base = base_state(calibration)
+    start = layout.predict(base)
+    scales = {number: 1 + one.u_height for number, one in enumerate(strips)}
+    same = {number: scales[number] for number, one in enumerate(strips) if one.same_strips}
+    others = {number: scales[number] for number in scales if number not in same}
+    effects = [layout.predict(replace(base, set_scales=others)) - start]
+    labels = [mode.label for mode in calibration.modes]
+    for mode in calibration.modes:
+        if mode.label.startswith(_OF_THE_CAMERA) and (mode.label != "grid pitch" or grid is None or grid.same_sheet):
+            continue
+        state = base_state(calibration.shifted(mode))
+        if mode.label == "strip height":  # the same strips lie there today, as far from what is stated as they were
+            state = replace(state, set_scales=same)
+        effect = layout.predict(state) - start
+        for part in _cancelled(mode.label, layout, strips, alone=labels.count("strip height") == 1):
+            effect[part] = 0.0
+        effects.append(effect)
+    return sum((np.outer(effect, effect) for effect in effects), np.zeros((start.size, start.size)))
+
+
+def _cancelled(label: str, layout: Layout, strips: tuple[StripsToday, ...], *, alone: bool) -> tuple[slice, ...]:
+    """Return the parts of the vector in which a cause falls out, where its effect does not show that by itself."""
+    if label == "strip height" and not alone:  # of strips of several heights, whose modes do not say which is whose
+        return tuple(part for part, one in zip(layout.strip_parts, strips, strict=True) if one.same_strips)
+    # What scatter does to the seven numbers, the plate's residual undoes where both were measured: on the plate.
+    return (layout.parts["plate"],) if label == "phase scatter" else ()
+
+
+def light_doubt(name: Literal["modulation", "contrast"], *looks: AppearanceRecord) -> float:
+    """Relative standard uncertainty of a difference of modulation or contrast between sessions.
+
+    Without repeats a lamp's usual repeatability stands for each session. Repeats that scatter more count as they are;
+    four or more that scatter less stand in its place, ``s sqrt((n - 1) / (n - 3) / n)``.
+
+    Examples
+    --------
+    >>> round(light_doubt("contrast", AppearanceRecord(), AppearanceRecord()), 4)
+    0.0099
+    """
+    return math.hypot(*(_light_doubt(getattr(one, f"scatter_{name}"), one.repeats) for one in looks))
+
+
+def _light_doubt(scatter: float | None, repeats: int) -> float:
+    if scatter is None:
+        return _U_LIGHT
+    if repeats < _ENOUGH_REPEATS:
+        return max(_U_LIGHT, scatter)
+    return max(_U_LIGHT_LEAST, scatter * math.sqrt((repeats - 1) / (repeats - 3) / repeats))

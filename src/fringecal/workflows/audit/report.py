@@ -1,0 +1,160 @@
+"""The report of an audit: verdict and cause first, then every change against its limit, maps, artefacts."""
+
+from datetime import datetime
+
+import numpy as np
+import pandas as pd
+
+from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
+from fringecal.report import (
+    DOUBT,
+    Fact,
+    FigureItem,
+    Layer,
+    Live,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    cause_bars,
+    change_bars,
+    readable_picture,
+    residual_map,
+)
+from fringecal.uncertainty import decide, doubt_text, value_text
+from fringecal.workflows.audit.checks import Change, audit_checks, changes_of
+from fringecal.workflows.audit.run import Audit
+from fringecal.workflows.audit.sentences import amount_text, audit_sentence
+from fringecal.workflows.commission import verified_sections
+from fringecal.workflows.shared import checks_table, inputs_of_capture, phase_section, severest
+from fringecal.workflows.verify import Verified
+
+
+def audit_report(
+    found: Audit,
+    *,
+    command: str = "",
+    created: datetime | None = None,
+    limits: Limits = DEFAULT_LIMITS,
+    history: Section | None = None,
+) -> Report:
+    """Return the report of an audit.
+
+    Parameters
+    ----------
+    found
+        What the audit has found.
+    command, created, limits, history
+        As for `commission_report`.
+    """
+    checks, changes = audit_checks(found, limits), changes_of(found, limits)
+    phases = tuple(part.phase for part in (found.plate, *found.strips) if part is not None)
+    captures = found.session.captures.values()
+    return Report(
+        title=f"Audit of {found.session.rig}",
+        subtitle=f"Captured {found.session.captured:%Y-%m-%d %H:%M}; compared with the calibration in force",
+        verdict=Verdict(severest(checks), audit_sentence(found)),
+        facts=tuple(_fact(change) for change in changes),
+        sections=(
+            Section("Checks", (), (checks_table(checks),)),
+            _changes_section(found, changes, limits),
+            *_causes_section(found),
+            *_maps_section(found),
+            *verified_sections(Verified(found.bars, found.artefacts)),
+            *((phase_section(phases),) if phases else ()),
+            *((history,) if history else ()),
+        ),
+        inputs=tuple(file for capture in captures for file in inputs_of_capture(capture)),
+        versions=software_versions(),
+        command=command,
+        created=created,
+    )
+
+
+def _fact(change: Change) -> Fact:
+    found = change.found
+    unit = f" {found.unit}" if found.unit else ""
+    note = f"U = {doubt_text(found.expanded().U)}{unit}; limit {change.limit:g}{unit}"
+    return Fact(f"Change of {change.name}", f"{value_text(found.value, found.u, sign=True)}{unit}", note)
+
+
+def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) -> Section:
+    rows = [
+        {
+            "quantity": c.name,
+            "change": c.found.value,
+            "u": c.found.u,
+            "U (95 %)": c.found.expanded().U,
+            "unit": c.found.unit,
+            "En": c.en,
+            "detection limit": c.detection_limit,
+            "limit": c.limit,
+            "decision": decide(c.found.value, c.found.u, lower=-c.limit, upper=c.limit, level=limits.level).outcome,
+        }
+        for c in changes
+    ]
+    formats = {"change": "+.3g", "U (95 %)": DOUBT, "En": "+.2f", "detection limit": DOUBT, "limit": "g"}
+    note = (
+        "today minus at the calibration; En = change / U. An rms, which chance alone never leaves at nought, is judged "
+        "by its limit and has none. Detection limit: seen with 95 % at the chance of a false "
+        "alarm that the audit takes"
+    )
+    shares = [c.found.value / c.limit for c in changes]
+    expanded = [c.found.expanded().U / c.limit for c in changes]
+    worst = max(range(len(changes)), key=lambda i: abs(shares[i]))
+    figure = FigureItem(
+        "Changes against limits",
+        change_bars([c.name for c in changes], shares, expanded),
+        f"Bars of {len(changes)} changes as shares of their limits; the largest is {changes[worst].name}, "
+        f"{shares[worst]:+.2f} of its limit.",
+    )
+    return Section(
+        "Changes", found.notes, (Table("Changes", pd.DataFrame(rows), note, formats, {"change": "u"}),), (figure,)
+    )
+
+
+def _causes_section(found: Audit) -> tuple[Section, ...]:
+    """Show how well every single cause explains the change."""
+    if not found.causes:
+        return ()
+    best = found.causes[0].log_evidence
+    rows = [
+        {
+            "cause": fit.cause,
+            "amounts": ", ".join(f"{name} {amount_text(name, value)}" for name, value in fit.amounts.items()),
+            "chi-squared": fit.chi2,
+            "of": fit.dof,
+            "ln(odds)": fit.log_evidence - best,
+        }
+        for fit in found.causes
+    ]
+    note = (
+        "the signature of each cause, fitted to all changes at once; chi-squared is what it leaves, ln(odds) its "
+        "evidence against the best one's, free amounts paid for"
+    )
+    table = Table("Causes", pd.DataFrame(rows), note, {"chi-squared": ".1f", "ln(odds)": ".1f"})
+    figure = FigureItem(
+        "Causes compared",
+        cause_bars([fit.cause for fit in found.causes], [fit.log_evidence - best for fit in found.causes]),
+        f"Bars of {len(found.causes)} causes by how much less likely they are than {found.causes[0].cause}.",
+    )
+    return (Section("What probably moved", (audit_sentence(found),), (table,), (figure,)),)
+
+
+def _maps_section(found: Audit) -> tuple[Section, ...]:
+    figures = []
+    strips = ((f"step of {one.phase.capture.name}", one) for one in found.strips)
+    for name, part in (("plate phase", found.plate), *strips):
+        if part is not None:
+            change = part.change_rad
+            rms = float(np.sqrt(np.nanmean(change**2)))
+            figures.append(
+                FigureItem(
+                    f"Change of the {name}",
+                    residual_map(change, label="today - calibration / rad"),
+                    f"Map over the picture of today's {name} minus the calibration's: {rms:.3f} rad rms.",
+                    "png",
+                    Live(readable_picture(Layer("change", "rad", change, 4))),
+                )
+            )
+    return (Section("Where it changed", (), (), tuple(figures)),) if figures else ()

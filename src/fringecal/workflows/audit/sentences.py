@@ -1,0 +1,74 @@
+"""What an audit found, in words: whether the rig changed, what probably moved and by how much, what else it may be."""
+
+import math
+
+from fringecal.workflows.audit.ranked_causes import CauseFit
+from fringecal.workflows.audit.run import Audit
+
+_CLOSE = 3.0  # difference of log evidence: below it, odds under 20 to 1, the runner-up is named as well
+_UNEXPLAINED = 1e-4
+_FIRST_ORDER = 0.01  # of chi-squared, a tenth of the change: signatures hold no closer
+_TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
+_PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties
+
+
+def audit_sentence(found: Audit) -> str:
+    """Say first what the audit cannot tell, then whether the rig changed and what explains it best."""
+    return " ".join(filter(None, (reuse_sentence(found), change_sentence(found))))
+
+
+def reuse_sentence(found: Audit) -> str:
+    """Say which captures hold pictures of the calibration's own session; nothing where all pictures are new."""
+    if not found.reused:
+        return ""
+    return (
+        f"The pictures of {', '.join(found.reused)} are the calibration's own (equal by hash): what they show says "
+        "nothing of the time since."
+    )
+
+
+def change_sentence(found: Audit) -> str:
+    """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
+    if not found.changed:
+        head = "What differs" if found.reused else "The rig is as calibrated: what differs"
+        return f"{head} is chance (probability {found.probability:.2g})."
+    small = found.probability < _TOO_SMALL
+    chance = f"below {_TOO_SMALL:.0e}" if small else f"{found.probability:.1g}"
+    head = f"The rig has changed since its calibration (probability of chance {chance})."
+    if not found.causes:
+        return head
+    best, *others = found.causes
+    unexplained = ""
+    if best.probability < _UNEXPLAINED and best.chi2 > _FIRST_ORDER * found.chi2:
+        unexplained = " It does not explain all of it: more than one thing may have moved."
+    close = [fit for fit in others[:1] if best.log_evidence - fit.log_evidence < _CLOSE]
+    also = f" Hardly less likely: {cause_words(close[0])}." if close else ""
+    return f"{head} Probable cause: {cause_words(best)}.{unexplained}{also}"
+
+
+def cause_words(fit: CauseFit) -> str:
+    """Name a cause with the amounts that it takes."""
+    sure = {name: value for name, value in fit.amounts.items() if abs(value) > _PART_OF_USUAL * fit.u_amounts[name]}
+    parts = [f"{name} {amount_text(name, value)}" for name, value in sure.items()]
+    return f"{fit.cause} ({', '.join(parts)})" if parts else fit.cause
+
+
+def amount_unit(name: str) -> tuple[str, float]:
+    """Return the unit in which a move is told, and the factor to it from `MOVES`' own."""
+    if "tilt" in name or "turn" in name or name == "camera roll":
+        return "deg", 180 / math.pi
+    if name in ("focal length", "slide pitch") or name.startswith("strip height"):
+        return "%", 100.0
+    return {"lens blur": "px^2", "fringe blur": "mm^2", "lens distortion": "k1"}.get(name, "mm"), 1.0
+
+
+def amount_text(name: str, value: float) -> str:
+    """Print an amount in its unit.
+
+    Examples
+    --------
+    >>> amount_text("strip height", 0.0333), amount_text("camera height", -5.0)
+    ('+3.33 %', '-5 mm')
+    """
+    unit, factor = amount_unit(name)
+    return f"{value * factor:+.3g} {unit}"

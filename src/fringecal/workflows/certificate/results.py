@@ -1,0 +1,159 @@
+"""The results of a calibration report: records' estimates, tables and checks, rounded as they are printed."""
+
+from collections.abc import Iterator, Sequence
+
+from fringecal.records import (
+    CalibrationRecord,
+    Check,
+    Column,
+    Conformity,
+    Group,
+    Measured,
+    ProfileRecord,
+    ReadingRecord,
+    ResultTable,
+    VerificationRecord,
+    rounded,
+)
+from fringecal.uncertainty import Estimate
+
+
+def groups_of(record: CalibrationRecord) -> Iterator[Group]:
+    """Give the results of a calibration: camera, projection angle, what heights will be known to."""
+    scale, angle = record.scale, record.projection
+    limit = record.distortion.detection_limit_px
+    yield Group(
+        "Camera",
+        (
+            Measured.of("Scale on the reference plate, mean", scale.mean.estimate()),
+            Measured.of("Scale along the rows", scale.horizontal.estimate()),
+            Measured.of("Scale along the columns", scale.vertical.estimate()),
+            Measured.of(
+                "Largest displacement by the lens",
+                Estimate(record.distortion.max_px.value, record.distortion.max_px.u, "px"),
+            ),
+        ),
+        note=f"Distortion: {record.distortion.verdict}; detection limit {limit:.2g} px. The scale holds on the plate.",
+    )
+    apparent = angle.apparent_angle
+    more = () if apparent is None else (Measured.of("Angle as fringe breaks show it", apparent.estimate()),)
+    yield Group(
+        "Projection angle",
+        (Measured.of("Projection angle at the plate's origin, from the plate's normal", angle.angle.estimate()), *more),
+        _angle_tables(record),
+        note="Positive angles; measured in the plane across the local fringe.",
+    )
+    if record.advice and record.advice.forecasts:
+        yield Group("Heights", tables=(_forecasts(record),), note="What this calibration makes heights uncertain by.")
+
+
+def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:
+    columns = record.projection.columns
+    if not columns:
+        return ()
+    angles = [Measured.of("", Estimate(c.angle_deg, c.u_deg, "deg")) for c in columns]
+    parts = [
+        Column("Place along x", tuple(f"{c.x_mm:.1f}" for c in columns), "mm", ref_type="basic_referenceValue"),
+        Column(
+            "Projection angle",
+            tuple(a.value for a in angles),
+            "deg",
+            tuple(a.expanded for a in angles),
+            angles[0].k,
+            "basic_measuredValue",
+        ),
+    ]
+    theory = tuple(f"{c.theory_deg:.2f}" for c in columns if c.theory_deg is not None)
+    if len(theory) == len(columns):
+        parts.append(Column("Angle of the stated positions", theory, "deg"))
+    return (ResultTable("Projection angle along x", tuple(parts)),)
+
+
+def _forecasts(record: CalibrationRecord) -> ResultTable:
+    forecasts = record.advice.forecasts if record.advice else ()
+    k = Estimate(0.0, 1.0).expanded().k
+    return ResultTable(
+        "Uncertainty of heights over the field",
+        (
+            Column("Height", tuple(f"{f.height_mm:g}" for f in forecasts), "mm", ref_type="basic_referenceValue"),
+            Column(
+                "Expanded uncertainty by the calibration",
+                tuple(f"{k * f.u_mm:.2g}" for f in forecasts),
+                "mm",
+                ref_type="basic_uncertainty",
+            ),
+        ),
+        note=f"95 %, k = {k:.2f}; without the noise of a single pixel, which the height maps state themselves.",
+    )
+
+
+def errors_of(verification: VerificationRecord | None) -> Iterator[Group]:
+    """Give the errors against an artefact, if it was measured."""
+    if verification is None:
+        return
+    artefact = str(verification.target.get("name", verification.capture))
+    tables = (
+        *((_profiles(verification.profiles),) if verification.profiles else ()),
+        *_readings(verification.readings),
+    )
+    yield Group(f"Errors against {artefact}", tables=tables, note=verification.sentence)
+
+
+def _profiles(profiles: Sequence[ProfileRecord]) -> ResultTable:
+    means = [Measured.of("", Estimate(p.mean_mm, p.u_mm, "mm")) for p in profiles]
+    return ResultTable(
+        "Height errors along profiles",
+        (
+            Column("Place along y", tuple(f"{p.y_mm:.1f}" for p in profiles), "mm", ref_type="basic_referenceValue"),
+            Column(
+                "Mean error",
+                tuple(m.value for m in means),
+                "mm",
+                tuple(m.expanded for m in means),
+                means[0].k,
+                "basic_measurementError",
+            ),
+            Column("Standard deviation along the profile", tuple(f"{p.sd_mm:.3f}" for p in profiles), "mm"),
+            Column("Largest error", tuple(f"{p.max_abs_mm:.3f}" for p in profiles), "mm"),
+        ),
+        note="Edge zones of the ridges and valleys left out; measured minus certificate.",
+    )
+
+
+def _readings(readings: Sequence[ReadingRecord]) -> Iterator[ResultTable]:
+    """Tabulate the numbers of an artefact by unit, those that have a certificate and an uncertainty."""
+    usable = [r for r in readings if r.reference is not None and r.u_measured is not None]
+    for unit in dict.fromkeys(r.unit for r in usable):
+        rows = [r for r in usable if r.unit == unit]
+        found = [Measured.of("", Estimate(r.measured, float(r.u_measured or 0.0), "")) for r in rows]
+        unit = "" if unit == "1" else unit
+        names = "; ".join(f"{n}: {r.name}" for n, r in enumerate(rows, start=1))
+        certified = tuple(f"{r.reference:.6g}" for r in rows)
+        measured = Column(
+            "Measured",
+            tuple(m.value for m in found),
+            unit,
+            tuple(m.expanded or "0" for m in found),
+            found[0].k,
+            "basic_measuredValue",
+        )
+        yield ResultTable(
+            f"Numbers of the artefact in {unit or 'one'}",
+            (Column("Certificate", certified, unit, ref_type="basic_referenceValue"), measured),
+            note=f"Row by row: {names}.",
+        )
+
+
+def conformity_of(check: Check) -> Conformity:
+    """Turn a check into a statement of conformity, its value rounded to its uncertainty."""
+    value = float(check.value or 0.0)
+    expanded = check.expanded if check.expanded is not None else (check.u or 0.0) * Estimate(0.0, 1.0).expanded().k
+    text, doubt = rounded(value, expanded) if expanded else (f"{value:.3g}", "")
+    k = Estimate(0.0, 1.0).expanded().k
+    return Conformity(
+        Measured(check.name[:1].upper() + check.name[1:], text, check.unit, doubt, k),
+        "" if check.limit is None else f"{check.limit:.6g}",
+        check.decision,
+        check.rule,
+        at_least="at least the limit" in check.rule,
+    )

@@ -1,0 +1,179 @@
+"""A calibration report from records: their numbers, what the laboratory states, and nothing that neither says."""
+
+from collections.abc import Iterator, Sequence
+
+from fringecal.errors import RecordError
+from fringecal.records import (
+    CalibrationRecord,
+    Certificate,
+    Laboratory,
+    Method,
+    Statement,
+    UsedStandard,
+    VerificationRecord,
+    missing_in,
+)
+from fringecal.workflows.certificate.results import conformity_of, errors_of, groups_of
+from fringecal.workflows.shared import severest
+
+_NORM = "ISO/IEC 17025:2017"
+_NOT_CALIBRATED = "not calibrated"  # what the certificate of an artefact says that has none
+
+
+def certificate_of(
+    record: CalibrationRecord,
+    sha256: str,
+    lab: Laboratory,
+    *,
+    verification: VerificationRecord | None = None,
+    draft: bool = False,
+) -> Certificate:
+    """Gather a calibration report.
+
+    Parameters
+    ----------
+    record, sha256
+        The calibration, and the hash of its file.
+    lab
+        What the laboratory states.
+    verification
+        Errors against an artefact, measured with this very calibration.
+    draft
+        Let pass what the laboratory does not state; the report then calls itself a draft.
+
+    Raises
+    ------
+    RecordError
+        Something that a report needs is not stated, all of it named; or the verification belongs to another
+        calibration or rig.
+    """
+    missing = missing_in(lab, temperature_stated=record.session.temperature_degC is not None)
+    if missing and not draft:
+        needed = "\n  ".join(missing)
+        raise RecordError(
+            f"what a calibration report needs is not stated\n  {needed}\n"
+            "state it in the laboratory's file, --lab lab.toml (`fringecal certificate --template lab.toml` writes one "
+            "to fill in), or ask for a --draft"
+        )
+    _demand_same(record, sha256, verification)
+    checks = (*record.checks, *(verification.checks if verification else ()))
+    day = (record.session.captured or record.created).date()
+    standards = tuple(_standards(record, lab, verification))
+    return Certificate(
+        lab=lab,
+        missing=missing,
+        begin=lab.report.begin or day,
+        end=lab.report.end or day,
+        temperature_degC=_temperature(record, lab),
+        humidity_percent=_ends(lab.conditions.humidity_percent),
+        groups=(*groups_of(record), *errors_of(verification)),
+        conformities=tuple(conformity_of(check) for check in checks if check.value is not None),
+        decision=severest(checks),
+        methods=_methods(record),
+        standards=standards,
+        statements=tuple(_statements(lab, standards, missing)),
+        software=record.software,
+        record_sha256=sha256,
+    )
+
+
+def _demand_same(record: CalibrationRecord, sha256: str, verification: VerificationRecord | None) -> None:
+    if verification is None:
+        return
+    if verification.calibration.sha256 != sha256:
+        raise RecordError(
+            "the verification was made with another calibration (SHA-256 "
+            f"{verification.calibration.sha256[:12]}..., this one is {sha256[:12]}...); verify with this one"
+        )
+    if verification.session.rig != record.session.rig:
+        raise RecordError(
+            f"the verification is of rig {verification.session.rig!r}, the calibration of {record.session.rig!r}"
+        )
+
+
+def _ends(values: Sequence[float] | None) -> tuple[float, float] | None:
+    return None if values is None else (min(values), max(values))
+
+
+def _temperature(record: CalibrationRecord, lab: Laboratory) -> tuple[float, float] | None:
+    stated = lab.conditions.temperature_degC
+    measured = record.session.temperature_degC
+    return _ends(stated) if stated is not None else _ends(None if measured is None else (measured,))
+
+
+# ---- how, against what, and what the reader must know ---------------------------------------------
+def _methods(record: CalibrationRecord) -> tuple[Method, ...]:
+    level = 0.95 if record.limits is None else record.limits.level
+    return (
+        Method(
+            "Commissioning of a fringe-projection rig",
+            "Grid paper, bare plate and strips are photographed; camera, phase in space and heights of the strips are "
+            "fitted jointly (fringecal, procedure 'commissioning').",
+        ),
+        Method(
+            "Expanded uncertainty",
+            "Stated is the standard uncertainty times the coverage factor k given with it, for a coverage probability "
+            "of 95 %; propagated from the covariance of the fit and the stated uncertainties of the artefacts.",
+            ("JCGM 100:2008",),
+            "basic_uncertainty",
+        ),
+        Method(
+            "Decision rule",
+            f"A value conforms if it is within its limit with a probability of at least {100 * level:g} % (pass), "
+            "conditionally if it is within it with a smaller one; beyond it likewise. En numbers are held against "
+            "their limit without a further guard band. The limits are the laboratory's (limits.toml).",
+            ("JCGM 106:2012",),
+            "basic_conformity",
+        ),
+    )
+
+
+def _standards(
+    record: CalibrationRecord, lab: Laboratory, verification: VerificationRecord | None
+) -> Iterator[UsedStandard]:
+    used = dict(record.targets)
+    if verification is not None:
+        used.setdefault(str(verification.target.get("name", verification.capture)), verification.target)
+    stated = {standard.target: standard for standard in lab.standard}
+    strange = [name for name in stated if name not in used]
+    if strange:
+        raise RecordError(
+            f"standard {', '.join(map(repr, strange))} took no part; the calibration used {', '.join(map(repr, used))}"
+        )
+    for name, target in used.items():
+        own = stated.get(name)
+        certificate = own.certificate if own is not None and own.certificate else str(target.get("certificate", ""))
+        yield UsedStandard(name, certificate or "no certificate stated", own.identification if own else "")
+
+
+def _statements(lab: Laboratory, standards: Sequence[UsedStandard], missing: Sequence[str]) -> Iterator[Statement]:
+    if missing:
+        keys = ", ".join(text.partition(":")[0] for text in missing)
+        yield Statement(f"DRAFT, not a calibration report: not stated are {keys}.")
+    signing = " and ".join(p.name for p in lab.person if p.signs) or "nobody yet"
+    yield Statement(
+        f"This file carries no electronic signature. It counts when signed by who authorises it: {signing}.",
+        _NORM,
+        "7.8.2.1 o",
+    )
+    yield Statement("The results relate only to the item calibrated, in its condition then.", _NORM, "7.8.2.1 l")
+    yield Statement("This report may be reproduced in full only, but for written consent.", _NORM, "7.8.2.1")
+    yield Statement(
+        "This is a calibration report of the laboratory named, not of an accreditation body; no interval of "
+        "recalibration is recommended.",
+        _NORM,
+        "7.8.4.3",
+    )
+    uncalibrated = [s.name for s in standards if _NOT_CALIBRATED in s.certificate or s.certificate.startswith("no ")]
+    if uncalibrated:
+        yield Statement(
+            f"The results are not shown to be traceable to the SI; not calibrated: {', '.join(uncalibrated)}.",
+            _NORM,
+            "7.8.4.1 c",
+        )
+    else:
+        yield Statement(
+            "Traceability rests on the certificates of the artefacts listed as measuring equipment.",
+            _NORM,
+            "7.8.4.1 c",
+        )

@@ -1,0 +1,54 @@
+from .angle_findings import (
+    AngleFindings as AngleFindings,
+)
+from .angle_findings import (
+    Estimator as Estimator,
+)
+from .angle_findings import (
+    angle_map as angle_map,
+)
+from .angle_findings import (
+    angles_of as angles_of,
+)
+from .angle_findings import (
+    gather_angles as gather_angles,
+)
+from .angle_tables import (
+    CONVENTION as CONVENTION,
+)
+from .angle_tables import (
+    angle_section as angle_section,
+)
+from .angle_tables import (
+    breaks_section as breaks_section,
+)
+from .artefact_sections import (
+    verified_sections as verified_sections,
+)
+from .camera import (
+    CameraFindings as CameraFindings,
+)
+from .camera import (
+    measure_camera as measure_camera,
+)
+from .further import (
+    strips_captures as strips_captures,
+)
+from .further import (
+    strips_target as strips_target,
+)
+from .observed_surfaces import (
+    SURFACE_POINTS as SURFACE_POINTS,
+)
+from .record import (
+    calibration_record as calibration_record,
+)
+from .report import (
+    commission_report as commission_report,
+)
+from .run import (
+    Commissioning as Commissioning,
+)
+from .run import (
+    commission as commission,
+)

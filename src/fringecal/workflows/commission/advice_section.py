@@ -1,0 +1,101 @@
+"""The report's last word on a rig: what heights will be known to, and what to measure next."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.projector import Advice
+from fringecal.report import (
+    DOUBT,
+    FigureItem,
+    Layer,
+    Live,
+    ReadableMap,
+    Section,
+    Table,
+    field_uncertainty,
+    forecast_bars,
+    gain_lines,
+)
+from fringecal.workflows.commission.run import Commissioning
+
+Array = NDArray[np.float64]
+
+
+def advice_section(found: Commissioning) -> Section:
+    """Say how uncertain heights will be over the field, why, and what one more artefact would buy."""
+    advice = found.advice
+    tables = (_forecast_table(advice), _gain_table(advice), *_further_tables(found))
+    return Section("What to measure next", (*advice.sentences, *found.contradictions), tables, _figures(advice))
+
+
+def _forecast_table(advice: Advice) -> Table:
+    rows = [
+        {
+            "height / mm": f.z_mm,
+            "u over the field / mm": f.rms_mm,
+            "least / mm": float(f.u_mm.min()),
+            "largest / mm": float(f.u_mm.max()),
+            **{f"{label} / mm": value for label, value in f.causes().items()},
+        }
+        for f in advice.forecasts
+    ]
+    frame = pd.DataFrame(rows)
+    note = "standard uncertainty, root mean square over the field, then by cause; noise of single pixels left out"
+    return Table("Heights by cause", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+
+
+def _gain_table(advice: Advice) -> Table:
+    rows = []
+    for gain in advice.gains:
+        row: dict[str, object] = {"one more artefact": gain.proposal.name, "its u / mm": gain.proposal.u_mm}
+        for z, after in gain.after_mm.items():
+            row |= {f"u({z:g} mm) / mm": after, f"times u now, {z:g} mm": gain.ratio(z)}
+        rows.append(row)
+    frame = pd.DataFrame(rows)
+    note = "predicted by the joint fit with the artefact added; the best first"
+    return Table("What one more artefact would buy", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+
+
+def _further_tables(found: Commissioning) -> tuple[Table, ...]:
+    """Tabulate the artefacts beside plate and strips that took part in the fit."""
+    rows = []
+    for artefact in found.further:
+        seen, place = artefact.seen.observations, artefact.seen.place
+        for height, pixels in () if seen is None else zip(seen.height_mm, seen.u_px, strict=True):
+            where = (place.x_mm, place.y_mm) if place is not None else (None, None)
+            row = {"capture": artefact.phase.capture.name, "height / mm": height.value, "u / mm": height.u}
+            rows.append(row | {"points": pixels.size, "x / mm": where[0], "y / mm": where[1]})
+    if not rows:
+        return ()
+    frame = pd.DataFrame(rows).dropna(axis="columns", how="all")
+    return (Table("Further artefacts in the fit", frame, "place of the artefact's centre", {"u / mm": DOUBT}),)
+
+
+def _figures(advice: Advice) -> tuple[FigureItem, ...]:
+    causes = {f.z_mm: f.causes() for f in advice.forecasts}
+    middle = advice.forecasts[len(advice.forecasts) // 2]
+    field = field_uncertainty(middle.u_px, middle.v_px, middle.u_mm, title=f"height of {middle.z_mm:g} mm")
+    live = Live(_readable(middle.u_px, middle.v_px, middle.u_mm))
+    alt = f"Standard uncertainty, from {float(middle.u_mm.min()):.2g} to {float(middle.u_mm.max()):.2g} mm."
+    items = (
+        FigureItem("Causes of height uncertainty", forecast_bars(causes), advice.sentences[len(causes) // 2]),
+        FigureItem("Height uncertainty over the field", field, alt, "png", live),
+    )
+    if not advice.gains:
+        return items
+    heights = list(advice.gains[0].before_mm)
+    figure = gain_lines(
+        [g.proposal.name for g in advice.gains],
+        heights,
+        list(advice.gains[0].before_mm.values()),
+        [list(g.after_mm.values()) for g in advice.gains],
+    )
+    return (*items, FigureItem("Gain by one more artefact", figure, advice.sentences[-1]))
+
+
+def _readable(u_px: Array, v_px: Array, u_mm: Array) -> ReadableMap:
+    """Take the forecast's pixels as they are: on a regular grid, but for rounding to whole pixels."""
+    start = (float(u_px[0, 0]), float(v_px[0, 0]))
+    step = (float(np.ptp(u_px)) / (u_px.shape[1] - 1), float(np.ptp(v_px)) / (v_px.shape[0] - 1))
+    return ReadableMap(("u", "v"), "px", start, step, (Layer("u(z)", "mm", u_mm, 4),))

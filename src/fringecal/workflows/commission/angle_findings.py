@@ -1,0 +1,156 @@
+"""The projection angle and all that it rests on: breaks of fringes, tables 3.5 and 3.6, the map over the field."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.projector import (
+    Breaks,
+    ColumnAngle,
+    Displacement,
+    OrderDecision,
+    RigCalibration,
+    angles_at_origin,
+    apparent_angle,
+    both_axes,
+    fringe_pitch_mm,
+    phase_breaks,
+    projection_angle,
+    runs_along_rows,
+)
+from fringecal.session import Session
+from fringecal.uncertainty import Estimate
+from fringecal.workflows.commission.camera import CameraFindings
+from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.shared import displaced, projector_of
+
+Estimator = Literal["phase", "ridge", "skeleton"]
+
+
+_MAP = (9, 7)
+
+
+@dataclass(frozen=True)
+class AngleFindings:
+    """The projection angle and all that it rests on.
+
+    Parameters
+    ----------
+    session, estimator
+        What was measured, and how breaks were read.
+    camera, calibration
+        The camera on the plate, and the rig fitted to the breaks.
+    breaks
+        One row per fringe and strip.
+    columns, rows
+        Table 3.5 beside 3.6: along the line y = 0, and along x = 0.
+    angle, apparent, theory
+        At the plate's origin, deg from the normal; theory is None where no position is stated.
+    order
+        How the fringe order was decided.
+    displacement
+        Where the lamp stands against where it is said to, or None.
+    picture
+        The first picture of the strips.
+    """
+
+    session: Session
+    estimator: Estimator
+    camera: CameraFindings
+    calibration: RigCalibration
+    breaks: Breaks
+    columns: tuple[ColumnAngle, ...]
+    rows: tuple[ColumnAngle, ...]
+    angle: Estimate
+    apparent: Estimate
+    budget: dict[str, float]
+    theory: Estimate | None
+    order: OrderDecision
+    displacement: Displacement | None
+    picture: NDArray
+
+    @property
+    def pitch_mm(self) -> float:
+        """Fringe pitch on the plate at the origin, across the fringe."""
+        return float(fringe_pitch_mm(self.calibration.model))
+
+    @property
+    def along(self) -> str:
+        """What the fringes run along in the picture: "rows" or "columns"."""
+        return "rows" if runs_along_rows(self.calibration.model, self.calibration.camera) else "columns"
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What a reader should know: the order, and whether the measured geometry agrees with the stated one."""
+        used = int(np.count_nonzero(self.breaks.used))
+        counted = f"{used} breaks by the {self.estimator} estimator, {self.breaks.strip.size - used} left out."
+        order = f"Fringe order: {self.order.reason}."
+        found = counted, order, *self.camera.notes
+        if self.displacement is None:
+            return *found, "No position of the lamp to compare with: state projector.position_mm."
+        return *found, self.displacement.sentence()
+
+    def breaks_frame(self) -> pd.DataFrame:
+        """Tabulate the breaks."""
+        return pd.DataFrame(self.breaks.columns())
+
+
+def angles_of(found: Commissioning) -> AngleFindings:
+    """Return the angles of a commissioned rig: the phase estimator."""
+    breaks = phase_breaks(
+        found.calibration, found.observations, found.strips.regions.labels, surfaces=len(found.orders)
+    )
+    return gather_angles(
+        found.session, "phase", found.camera, found.calibration, breaks, next(iter(found.orders.values())),
+        found.strips_capture.capture.read()[0],
+    )  # fmt: skip
+
+
+def gather_angles(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator found
+    session: Session,
+    estimator: Estimator,
+    camera: CameraFindings,
+    calibration: RigCalibration,
+    breaks: Breaks,
+    order: OrderDecision,
+    picture: NDArray,
+) -> AngleFindings:
+    """Gather what one estimator of breaks found, beside what the stated rig asks for."""
+    stated = projector_of(session)
+    origin = angles_at_origin(calibration, stated)
+    by_fringe = estimator == "skeleton"
+    columns, rows = both_axes(calibration, breaks, by_fringe=by_fringe, projector=stated)
+    return AngleFindings(
+        session=session,
+        estimator=estimator,
+        camera=camera,
+        calibration=calibration,
+        breaks=breaks,
+        columns=columns,
+        rows=rows,
+        angle=origin.angle,
+        apparent=origin.apparent,
+        budget=origin.budget,
+        theory=origin.theory,
+        order=order,
+        displacement=displaced(calibration, stated),
+        picture=picture,
+    )
+
+
+def angle_map(calibration: RigCalibration, shape: tuple[int, int] = _MAP) -> pd.DataFrame:
+    """Tabulate the projection angle over the field: x, y in mm, angle, its u, apparent angle in deg."""
+    camera = calibration.camera
+    u, v = (
+        np.linspace(0.05, 0.95, n) * (size - 1)
+        for n, size in zip(shape, (camera.width_px, camera.height_px), strict=True)
+    )
+    rays = camera.rays(*np.meshgrid(u, v))
+    x, y = rays.ax.ravel(), rays.ay.ravel()
+    u_rad = np.linalg.norm(calibration.changes(lambda c: projection_angle(c.model, x, y)), axis=0)
+    angle, apparent = projection_angle(calibration.model, x, y), apparent_angle(calibration.model, camera, x, y)
+    degrees = {"angle_deg": angle, "u_deg": u_rad, "apparent_deg": apparent}
+    return pd.DataFrame({"x_mm": x, "y_mm": y} | {name: np.degrees(value) for name, value in degrees.items()})

@@ -1,0 +1,188 @@
+"""The projection angle in reports: tables 3.5 and 3.6, breaks over the picture; and what is uncertain in a rig."""
+
+import math
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.projector import OFF, ColumnAngle, RigCalibration
+from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
+from fringecal.workflows.commission.angle_findings import AngleFindings
+from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.shared import budget_table, field_mm
+
+Array = NDArray[np.float64]
+
+CONVENTION = "angles from the plate's normal, in the plane across the local fringe"
+_FORMATS = {
+    "u / px": ".0f",
+    "v / px": ".0f",
+    "x / mm": ".1f",
+    "y / mm": ".1f",
+    "breaks": "d",
+    "shift / px": "+z.3f",
+    "shift / mm": "+z.3f",
+    "angle / deg": ".3f",
+    "dof": DOF,
+    "apparent / deg": ".3f",
+    "theory / deg": ".3f",
+    "apparent in theory / deg": ".3f",
+    "difference / deg": "+z.3f",
+    "En": "+z.2f",
+}
+_DOUBTS = {"angle / deg": "u / deg", "theory / deg": "u(theory) / deg"}
+
+
+def angle_section(found: AngleFindings) -> Section:
+    """Give the projection angle over the field, from the strips' breaks, beside theory."""
+    sentences = (
+        "The projection angle is measured from the plate's normal, in the plane across the local fringe; the apparent "
+        "angle is what a fringe's break shows to the camera, the camera's own angle included.",
+        *found.sentences,
+    )
+    tables, figures = [], []
+    for rows, name, place in ((found.columns, "column", "x"), (found.rows, "row", "y")):
+        if rows:
+            line = f"on the line {'y' if place == 'x' else 'x'} = 0"
+            compared = (
+                "theory from the stated positions" if found.theory else "no theory: no position of the lamp stated"
+            )
+            note = f"{line}; {CONVENTION}; {compared}"
+            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
+            figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
+    if not tables:
+        return Section("Projection angle", (*sentences, "No column of the picture crosses enough of a strip."))
+    return Section("Projection angle", sentences, tuple(tables), tuple(figures))
+
+
+def columns_frame(rows: tuple[ColumnAngle, ...]) -> pd.DataFrame:
+    """Tabulate columns or rows (the thesis's tables 3.5 and 3.6 side by side)."""
+    place = ("u / px", "x / mm") if rows[0].axis == "u" else ("v / px", "y / mm")
+    table = [
+        {
+            place[0]: c.u_px,
+            place[1]: c.x_mm,
+            "breaks": c.breaks,
+            "shift / px": c.shift_px,
+            "shift / mm": c.shift_mm,
+            "angle / deg": c.angle.value,
+            "u / deg": c.angle.u,
+            "dof": c.angle.dof,
+            "apparent / deg": c.apparent_deg,
+            "theory / deg": c.theory.value if c.theory else None,
+            "u(theory) / deg": c.theory.u if c.theory else None,
+            "apparent in theory / deg": c.theory_apparent.value if c.theory_apparent else None,
+            "difference / deg": c.difference_deg,
+            "En": c.en,
+        }
+        for c in rows
+    ]
+    return pd.DataFrame(table).dropna(axis="columns", how="all")
+
+
+def _angle_figure(rows: tuple[ColumnAngle, ...], caption: str, label: str) -> FigureItem:
+    theory = [(c.theory.value, c.theory.u) for c in rows if c.theory is not None]
+    figure = angle_plot(
+        np.array([c.x_mm for c in rows]),
+        np.array([c.angle.value for c in rows]),
+        np.array([c.angle.expanded().U for c in rows]),
+        theory_deg=np.array(theory) if theory else None,
+        apparent_deg=np.array([c.apparent_deg for c in rows]),
+        position_label=label,
+    )
+    low, high = (f(c.angle.value for c in rows) for f in (min, max))
+    also = "apparent and theory" if theory else "and apparent"
+    alt = f"Projection angle against {label[0]}: from {low:.2f} to {high:.2f} deg, with 95 % bars, {also}."
+    return FigureItem(caption, figure, alt)
+
+
+def breaks_section(found: AngleFindings) -> Section:
+    """Show every break in the picture, and tabulate them by strip."""
+    figure = breaks_overlay(found.picture, found.breaks, rows=found.along == "rows")
+    used = int(np.count_nonzero(found.breaks.used))
+    alt = f"The strips' picture with {used} breaks: where each fringe is on the plate, and where on the strip."
+    item = FigureItem("Breaks in the picture", figure, alt, "png")
+    return Section("Breaks", (), (_by_strip(found),), (item,))
+
+
+def _by_strip(found: AngleFindings) -> Table:
+    """Tabulate the breaks by strip: number, usual shift, scatter of the angles."""
+    frame = found.breaks_frame()
+    good = frame[frame["status"] != OFF].groupby("strip")
+    table = pd.DataFrame(
+        {
+            "breaks": good.size(),
+            "left out": frame["status"].eq(OFF).groupby(frame["strip"]).sum(),
+            "mean shift / px": good["shift_px"].mean(),
+            "mean shift / mm": good["shift_mm"].mean(),
+            "u of one / px": good["sigma_px"].median(),
+            "mean angle / deg": good["angle_deg"].mean(),
+            "standard deviation / deg": good["angle_deg"].std(),
+        }
+    ).reset_index()
+    formats = dict.fromkeys(table.columns[3:], ".3f")
+    return Table("Breaks by strip", table, f"all breaks are in breaks.csv; {CONVENTION}", formats)
+
+
+def budgets_section(found: Commissioning) -> Section:
+    """Say what the uncertainties of angle, scale and heights are made of."""
+    angle = budget_table("Budget of the projection angle", found.angle_budget, "deg")
+    scale = budget_table("Budget of the mean scale", found.camera.scale_budget, "mm/px")
+    first = angle.frame.iloc[0]
+    figure = budget_bars(
+        list(angle.frame["influence"]),
+        list(angle.frame["share of the variance / %"]),
+        title=f"projection angle at the origin, u = {found.angle.u:.3f} deg",
+    )
+    alt = f"Bars: the largest share of the variance, {first.iloc[2]:.0f} %, is that of {first.iloc[0]}."
+    noise = float(np.nanmedian(found.reference.map.sigma[found.reference.map.valid]))
+    heights = heights_table(found.calibration, noise)
+    item = FigureItem("Budget of the projection angle", figure, alt)
+    return Section("Budgets", (), (angle, scale, heights), (item,))
+
+
+def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
+    """Tabulate what a height will be known to: by cause, at centre and corner, for three heights.
+
+    Parameters
+    ----------
+    calibration
+        The rig.
+    noise_rad
+        Standard deviation of the phase of one pixel.
+    """
+    camera = calibration.camera
+    places = {"centre": camera.centre_px, "corner": (0.05 * camera.width_px, 0.05 * camera.height_px)}
+    rows = []
+    for height in _heights(calibration):
+        for place, (u, v) in places.items():
+            rows.append(
+                {"height / mm": height, "place": place} | _height_budget(calibration, (u, v), height, noise_rad)
+            )
+    frame = pd.DataFrame(rows)
+    formats = dict.fromkeys(frame.columns[2:], DOUBT)
+    return Table("What a height will be known to", frame, "standard uncertainty of one pixel's height, mm", formats)
+
+
+def _heights(calibration: RigCalibration) -> tuple[float, ...]:
+    """Heights of 5, 20 and 50 mm, smaller by tens until they suit the field."""
+    x_min, x_max, y_min, y_max = field_mm(calibration)
+    decade = min(0, math.floor(math.log10(min(x_max - x_min, y_max - y_min) / 100)))
+    return tuple(height * 10.0**decade for height in (5, 20, 50))
+
+
+def _height_budget(
+    calibration: RigCalibration, pixel: tuple[float, float], height_mm: float, noise_rad: float
+) -> dict[str, float]:
+    """Contributions to u of one pixel's height by cause, mm, and all of them together."""
+    rays = calibration.camera.rays(*pixel)
+    phase = calibration.model.phase(*rays.at(height_mm), height_mm)
+
+    def height(rig: RigCalibration, more_rad: float = 0.0) -> float:
+        return float(rig.model.height(phase + more_rad, rig.camera.rays(*pixel)))
+
+    estimate, budget = calibration.estimate(height, unit="mm", label="height")
+    single = math.hypot(noise_rad, calibration.excess_rad)
+    scatter = abs(height(calibration, single) - estimate.value)
+    return {"combined": math.hypot(estimate.u, scatter)} | budget | {"phase of one pixel": scatter}

@@ -1,0 +1,163 @@
+"""Named checks of a commissioning: value, limit, rule and one of four outcomes."""
+
+import math
+from typing import TYPE_CHECKING
+
+from fringecal.projector import LAMP_CHANCE
+from fringecal.records import DEFAULT_LIMITS, Check, Limits
+from fringecal.uncertainty import Estimate
+from fringecal.workflows.commission.further import CONTRADICTS
+from fringecal.workflows.shared import judged_below, rms_estimate
+from fringecal.workflows.verify import verified_checks
+
+if TYPE_CHECKING:
+    from fringecal.workflows.commission.run import Commissioning
+    from fringecal.workflows.shared import Examination
+
+
+def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of a commissioning, with their decisions."""
+    own = limits.commission
+    plate = rms_estimate(found.fit.plate_rms_rad, found.observations.phase_rad[0].size, "rad")
+    grid = rms_estimate(found.camera.fit.rms_px, found.camera.fit.dof, "px")
+    checks = [
+        judged_below("plate phase residual", plate, own.plate_residual_rad, limits.level),
+        judged_below("grid residual", grid, own.grid_residual_px, limits.level),
+        # Heights hang on the angle that the camera sees; where a tilted camera stands changes only the other.
+        judged_below(
+            "standard uncertainty of the apparent projection angle",
+            Estimate(found.apparent.u, found.apparent.u / math.sqrt(2 * found.apparent.dof), "deg"),
+            own.angle_u_deg,
+            limits.level,
+        ),
+        Check(
+            name="largest lens displacement",
+            value=found.camera.distortion.max_px.value,
+            u=found.camera.distortion.max_px.u,
+            expanded=found.camera.distortion.max_px.expanded().U,
+            unit="px",
+            decision="info",
+            rule=f"verdict {found.camera.distortion.verdict}; corrected by the camera model",
+        ),
+    ]
+    stated = found.session.camera.height_mm
+    if found.camera.height_seen is not None and stated is not None:
+        checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
+    if found.camera.assumed_height is not None:
+        assumed = found.camera.assumed_height
+        rule = "not stated: a usual lens is assumed, within 60 %; state camera.height_mm"
+        checks.append(
+            Check(
+                name="camera height",
+                value=assumed.value,
+                u=assumed.u,
+                expanded=assumed.expanded().U,
+                unit="mm",
+                decision="conditionalPass",
+                rule=rule,
+            )
+        )
+    if found.angle_en is not None:
+        checks.append(
+            Check(
+                name="angle against theory",
+                value=found.angle_en,
+                limit=own.angle_en,
+                decision="pass" if abs(found.angle_en) <= own.angle_en else "fail",
+                rule=f"|En| <= {own.angle_en:g}, En = difference over the root sum of squares of both expanded "
+                "uncertainties (k = 2)",
+            )
+        )
+    several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.examined))
+    return (*checks, *_lamp_check(found), _heights_check(found), *several, *verified_checks(found.verified, limits))
+
+
+def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]:
+    """Judge noise and form of the plate where it was taken several times."""
+    repeats = found.repeats
+    if repeats is None:
+        return ()
+    return (
+        judged_below(
+            "noise of repeats over its prediction", repeats.ratio, limits.commission.noise_ratio, limits.level
+        ),
+        judged_below(
+            "plate form beyond the model, rms", repeats.form_mm, limits.commission.plate_form_mm, limits.level
+        ),
+    )
+
+
+def _frames_check(examined: "Examination", limits: Limits) -> Check:
+    """Judge what the doctor found wrong with frames and the phase used is not corrected for."""
+    left = [finding for finding in examined.findings if finding.name not in examined.undone]
+    cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
+    limit = limits.commission.frames_rad
+    named = ", ".join(dict.fromkeys(finding.name for finding in left)) or "nothing"
+    return Check(
+        name=f"frames of {examined.phase.capture.name}",
+        value=cost,
+        limit=limit,
+        unit="rad",
+        # A diagnosis from the frames alone proves no error of heights: at worst it is a condition.
+        decision="pass" if cost <= limit else "conditionalFail",
+        rule=f"rms error of the phase by what the doctor found and was not undone ({named}), at most the limit",
+    )
+
+
+def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
+    """Hold the projector found against its stated position, where there is one."""
+    moved = found.displacement
+    if moved is None:
+        return ()
+    return (
+        Check(
+            name="projector against its stated position",
+            value=moved.probability,
+            limit=LAMP_CHANCE,
+            decision="pass" if moved.agrees else "conditionalFail",
+            rule="chance of a displacement as large as found if the position is as stated, at least the limit",
+        ),
+    )
+
+
+def _heights_check(found: "Commissioning") -> Check:
+    """Hold the stated heights against each other, or say that nothing in the session can."""
+    name = "stated heights against one another"
+    if not found.further:
+        # Plate and strips alone fit any height of the strips equally well: a wrong one scales all heights.
+        known = found.theory is not None
+        rule = (
+            "only the stated projector position bears the strips' height out; see the angle against theory"
+            if known
+            else "nothing in this session would show a wrong strip height; state projector.position_mm, or add an "
+            'artefact of known height with use = "calibration"'
+        )
+        return Check(name=name, value=0.0, decision="info" if known else "conditionalPass", rule=rule)
+    largest = max((abs(float(v)) for moved in found.fit.doubts for v in moved), default=0.0)
+    return Check(
+        name=name,
+        value=largest,
+        limit=CONTRADICTS,
+        decision="fail" if largest > CONTRADICTS else "pass",
+        rule="no stated height is moved by more standard uncertainties than this so that all agree",
+    )
+
+
+def pitch_check(seen: Estimate, stated: Estimate, *, most: float = DEFAULT_LIMITS.commission.height_en) -> Check:
+    """Compare the camera's height by lens and grid with the stated one: a wrong pitch moves the first in proportion.
+
+    Examples
+    --------
+    >>> check = pitch_check(Estimate(1200.0, 3.0, "mm"), Estimate(1000.0, 5.0, "mm"))
+    >>> check.decision, round(check.value, 1)
+    ('fail', 17.1)
+    """
+    en = (seen.value - stated.value) / (2 * math.hypot(seen.u, stated.u))
+    return Check(
+        name="grid pitch against camera height",
+        value=en,
+        limit=most,
+        decision="pass" if abs(en) <= most else "fail",
+        rule=f"|En| <= {most:g}; lens and grid put the camera at {seen.value:.1f} mm, stated {stated.value:.1f} mm: "
+        f"if not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
+    )

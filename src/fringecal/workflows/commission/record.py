@@ -1,0 +1,219 @@
+"""Between what a procedure found and what a record holds: there and, for a calibration, back again."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import CAMERA_NAMES, PlateCamera, family_rms_px
+from fringecal.detect import FAMILIES
+from fringecal.projector import RIG_NAMES, Advice, ColumnAngle, projector_estimates
+from fringecal.records import DEFAULT_LIMITS, EstimateRecord, LensRecord, Limits, ValueU, VectorU, software_versions
+from fringecal.records import calibration_record as record
+from fringecal.session import Session
+from fringecal.uncertainty import Estimate
+from fringecal.workflows.commission.checks import commissioning_checks
+from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.lens import lens_record
+from fringecal.workflows.shared import (
+    appearance_of,
+    budget_rows,
+    inputs_of,
+    orders_record,
+    projector_of,
+    session_note,
+    steps_record,
+    wave_record,
+)
+
+Array = NDArray[np.float64]
+
+
+def calibration_record(
+    found: Commissioning, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
+) -> record.CalibrationRecord:
+    """Return the record of a commissioning: every estimate, its budget, and all that applying it needs."""
+    scales = {name: EstimateRecord.of(e) for name, e in found.camera.scales.items()}
+    return record.CalibrationRecord(
+        software=software_versions(),
+        command=tuple(command),
+        session=session_note(found.session),
+        inputs=inputs_of(found.session),
+        image=record.ImageRecord(
+            width=found.calibration.camera.width_px,
+            height=found.calibration.camera.height_px,
+            white_level=found.reference.capture.white_level,
+        ),
+        camera=_camera_record(found.calibration.camera),
+        lens=_known_lens_record(found),
+        steps=tuple(steps_record(one) for one in found.examined),
+        wave=wave_record(found.calibration.wave),
+        orders=orders_record(found.calibration.orders),
+        scale=record.ScaleRecord(**scales),
+        distortion=_distortion_record(found),
+        projection=_projection_record(found),
+        rig=_rig_record(found),
+        budgets={
+            "projection.angle": budget_rows(found.angle_budget),
+            "scale.mean": budget_rows(found.camera.scale_budget),
+        },
+        checks=commissioning_checks(found, limits),
+        limits=limits,
+        targets=_targets_of(found.session),
+        notes=(
+            found.reference.sentence(),
+            found.strips_capture.sentence(),
+            *(sentence for one in found.examined for sentence in one.sentences()),
+            *found.notes,
+        ),
+        advice=_advice_record(found.advice),
+        appearance=appearance_of(found.reference, found.detection),
+    )
+
+
+def _advice_record(advice: Advice) -> record.AdviceRecord:
+    return record.AdviceRecord(
+        forecasts=tuple(
+            record.ForecastRecord(
+                height_mm=f.z_mm,
+                u_mm=f.rms_mm,
+                u_least_mm=float(f.u_mm.min()),
+                u_largest_mm=float(f.u_mm.max()),
+                causes_mm=f.causes(),
+            )
+            for f in advice.forecasts
+        ),
+        proposals=tuple(
+            record.ProposalRecord(
+                name=g.proposal.name,
+                heights_mm=g.proposal.heights_mm,
+                u_height_mm=g.proposal.u_mm,
+                u_before_mm=tuple(g.before_mm.values()),
+                u_after_mm=tuple(g.after_mm.values()),
+            )
+            for g in advice.gains
+        ),
+        sentences=advice.sentences,
+    )
+
+
+def _matrix(values: Array) -> tuple[tuple[float, ...], ...]:
+    symmetric = (values + values.T) / 2
+    return tuple(tuple(float(v) for v in row) for row in symmetric)
+
+
+def _camera_record(camera: PlateCamera) -> record.CameraRecord:
+    return record.CameraRecord(
+        names=CAMERA_NAMES,
+        parameters=tuple(map(float, camera.parameters)),
+        covariance=_matrix(camera.covariance),
+        telecentric=camera.telecentric,
+        width=camera.width_px,
+        height=camera.height_px,
+    )
+
+
+def _known_lens_record(found: Commissioning) -> LensRecord | None:
+    camera = found.calibration.camera
+    known = found.camera.lens
+    return None if known is None else lens_record(known, distance_mm=float(camera["height_mm"]))
+
+
+def _distortion_record(found: Commissioning) -> record.DistortionRecord:
+    test = found.camera.distortion
+    return record.DistortionRecord(
+        verdict=test.verdict,
+        max_px=ValueU(value=test.max_px.value, u=test.max_px.u),
+        detection_limit_px=test.detection_limit_px,
+        k1=found.calibration.camera["k1"],
+        k2=found.calibration.camera["k2"],
+        p_value=test.p_value,
+        centre_px=None if test.centre is None else _values_record(test.centre),
+        straightness_px=record.StraightnessRecord(
+            **{
+                f"{family}_{when}": family_rms_px(table, family)
+                for family in FAMILIES
+                for when, table in (("before", test.straightness_before), ("after", test.straightness_after))
+            }
+        ),
+    )
+
+
+def _values_record(estimates: Sequence[Estimate]) -> VectorU:
+    return VectorU(value=tuple(e.value for e in estimates), u=tuple(e.u for e in estimates))
+
+
+def _projection_record(found: Commissioning) -> record.ProjectionRecord:
+    return record.ProjectionRecord(
+        angle=EstimateRecord.of(found.angle),
+        apparent_angle=EstimateRecord.of(found.apparent),
+        columns=tuple(_column_record(c) for c in found.columns),
+        theory=None if found.theory is None else _theory_record(found, found.theory),
+    )
+
+
+def _theory_record(found: Commissioning, theory: Estimate) -> record.TheoryRecord:
+    position = projector_of(found.session)
+    assert position is not None
+    height = found.session.camera.height_mm
+    return record.TheoryRecord(
+        angle=EstimateRecord.of(theory),
+        projector_position_mm=VectorU(value=tuple(map(float, position.value_mm)), u=tuple(map(float, position.u_mm))),
+        camera_height_mm=None if height is None else ValueU(value=height.values[0], u=height.us[0]),
+        difference_deg=found.angle.value - theory.value,
+        en=found.angle_en,
+        sentence=found.angle_sentence,
+    )
+
+
+def _column_record(column: ColumnAngle) -> record.ColumnRecord:
+    return record.ColumnRecord(
+        u_px=column.u_px,
+        x_mm=column.x_mm,
+        breaks=column.breaks,
+        angle_deg=column.angle.value,
+        u_deg=column.angle.u,
+        apparent_deg=column.apparent_deg,
+        theory_deg=None if column.theory is None else column.theory.value,
+        difference_deg=column.difference_deg,
+        en=column.en,
+    )
+
+
+def _rig_record(found: Commissioning) -> record.RigRecord:
+    calibration = found.calibration
+    cut, end = len(CAMERA_NAMES), len(CAMERA_NAMES) + len(RIG_NAMES)
+    joint = calibration.covariance
+    residual = calibration.model.residual
+    projector = calibration.model.projector_mm
+    return record.RigRecord(
+        model="projective",
+        parameter_names=RIG_NAMES,
+        parameters=tuple(map(float, calibration.model.parameters)),
+        covariance=_matrix(joint[cut:end, cut:end]),
+        cross_covariance=tuple(tuple(map(float, row)) for row in joint[cut:end, :cut]),
+        residual_rms_rad=found.fit.rms_rad,
+        plate_residual_rms_rad=found.fit.plate_rms_rad,
+        plate_residual=record.PlateResidual(
+            degree=residual.degree, coefficients=tuple(map(float, residual.coefficients)), box=residual.box
+        ),
+        projector_mm=tuple(map(float, projector)) if np.all(np.isfinite(projector)) else None,
+        projector_u_mm=_projector_u(found),
+        excess_rad=calibration.excess_rad,
+        modes=tuple(
+            record.ModeRecord(label=m.label, effect=tuple(map(float, m.effect)), dof=m.dof) for m in calibration.modes
+        ),
+    )
+
+
+def _projector_u(found: Commissioning) -> tuple[float, ...] | None:
+    """Return the standard uncertainties of the projector's place; nobody knows all three unless a place is stated."""
+    stated = projector_of(found.session)
+    place = projector_estimates(found.calibration, stated)
+    return None if stated is None or not place else tuple(e.u for e in place)
+
+
+def _targets_of(session: Session) -> dict[str, dict[str, Any]]:
+    targets = [c.target for c in session.captures.values() if c.target is not None]
+    return {t.name: t.model_dump(mode="json") for t in targets}

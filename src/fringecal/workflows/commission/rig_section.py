@@ -1,0 +1,165 @@
+"""The rig's part of a commissioning report: strips, joint fit, projector."""
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from fringecal.camera import CAMERA_NAMES
+from fringecal.projector import RIG_NAMES, RigCalibration, projector_estimates, seen_axes
+from fringecal.report import FigureItem, Section, Table, classification_overlay
+from fringecal.workflows.commission.residual_section import ResidualMaps, residual_figures
+from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.shared import projector_of, rig_figure
+
+Array = NDArray[np.float64]
+
+_UNITS = {"nx": "rad/mm", "ny": "rad/mm", "nz": "rad/mm", "n0": "rad", "dx": "1/mm", "dy": "1/mm", "dz": "1/mm"}
+
+
+def strips_section(found: Commissioning, residuals: ResidualMaps) -> Section:
+    """Say where the strips were found and how their fringe order was decided."""
+    regions = found.strips.regions
+    count = f"{len(regions.seen)} of {len(found.strips.heights_mm)}"
+    seen = f"{count} strips are in the picture, at {regions.direction_deg:z.1f} deg."
+    decided = tuple(
+        f"Strips of {height:g} mm: fringe order {decision.order:+d}, {decision.reason}."
+        for height, decision in found.orders.items()
+    )
+    drift = (
+        f"On the bare plate the phase moved by {found.strips.plate_drift_rad:+z.4f} rad between reference and strips."
+    )
+    tables = (_orders_table(found), _strips_table(residuals))
+    return Section("Strips", (seen, *decided, drift), tables, (_strips_figure(found),))
+
+
+def _orders_table(found: Commissioning) -> Table:
+    """Tabulate every fringe order tried: what it would mean for the rig."""
+    decisions = {id(decision): decision for decision in found.orders.values()}
+    rows = [
+        {
+            "order": candidate.order,
+            "chosen": candidate.order == decision.order,
+            "possible": candidate.possible,
+            "strips / mm": ", ".join(f"{h:g}" for h, d in found.orders.items() if d is decision),
+            "angle / deg": candidate.angle_deg,
+            "line height / mm": candidate.line_height_mm,
+            "line side / mm": candidate.line_side_mm,
+            "residual / rad": candidate.block_rms_rad,
+            "off prediction / rad": candidate.predicted_difference_rad,
+        }
+        for decision in decisions.values()
+        for candidate in decision.candidates
+    ]
+    formats = {
+        "angle / deg": ".2f",
+        "line height / mm": ".0f",
+        "line side / mm": ".0f",
+        "residual / rad": ".4f",
+        "off prediction / rad": "+z.2f",
+    }
+    note = "place of the projector's line; prediction from the stated position, where there is one"
+    return Table("Fringe order of the strips", pd.DataFrame(rows), note, formats)
+
+
+def _strips_table(residuals: ResidualMaps) -> Table:
+    """Tabulate the strips seen, with the height by which each disagrees with the common fit."""
+    rows = []
+    for point in residuals.strips:
+        for label in np.unique(point.label[point.label > 0]):
+            inside = point.label == label
+            rows.append(
+                {
+                    "strip": int(label),
+                    "height / mm": point.height.value,
+                    "u / mm": point.height.u,
+                    "points": int(np.count_nonzero(inside)),
+                    "median residual / rad": float(np.median(point.residual_rad[inside])),
+                    "as height / mm": float(np.median(point.as_height_mm[inside])),
+                }
+            )
+    rows.sort(key=lambda row: row["strip"])
+    formats = {"height / mm": ".4g", "median residual / rad": "+z.4f", "as height / mm": "+z.4f"}
+    note = "residual against the common fit: a strip that is higher than stated stands out"
+    return Table("Strips", pd.DataFrame(rows), note, formats, {"height / mm": "u / mm"})
+
+
+def _strips_figure(found: Commissioning) -> FigureItem:
+    labels = found.strips.regions.labels
+    classes = np.where(labels > 0, 1, np.where(labels == 0, 2, 3))
+    names = {1: "strip top", 2: "plate", 3: "edge zone or no phase"}
+    figure = classification_overlay(
+        found.strips_capture.map.background, classes, names, title=found.strips_capture.capture.name
+    )
+    shares = ", ".join(f"{name} {100 * np.mean(classes == number):.1f} %" for number, name in names.items())
+    return FigureItem("Strips found", figure, f"The picture of the strips, coloured by class: {shares}.", "png")
+
+
+def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
+    """Say how well one rig model explains plate and strips, and where it puts the projector."""
+    fit = found.fit
+    used, total = (sum(int(n) for n in counts) for counts in zip(*(_counts(r) for r in fit.residuals), strict=True))
+    sentences = (
+        f"One rig model of {len(RIG_NAMES)} numbers and a smooth plate residual explains {used} of {total} points on "
+        f"plate and strips to {fit.rms_rad:.4f} rad rms ({fit.plate_rms_rad:.4f} rad on the plate).",
+        f"Beyond the noise of a pixel the plate leaves {found.calibration.excess_rad:.4f} rad, which every height's "
+        "uncertainty includes.",
+        _line_sentence(found),
+    )
+    tables = (_parameters_table(found.calibration), *_projector_tables(found))
+    return Section(
+        "Rig", sentences, tables, (*residual_figures(found, residuals), *rig_figure(found.session, found.calibration))
+    )
+
+
+def _counts(residual: Array) -> tuple[int, int]:
+    return int(np.isfinite(residual).sum()), residual.size
+
+
+def _line_sentence(found: Commissioning) -> str:
+    if not np.all(np.isfinite(found.calibration.model.projector_mm)):
+        return "The projector's light is parallel as far as can be told: it has no position."
+    origin = "the stated position" if found.session.projector else "the plate's origin"
+    return (
+        "Fringes fix the line on which the projector stands, not the place along it; what is given is the point of "
+        f"that line nearest to {origin}."
+    )
+
+
+def _parameters_table(calibration: RigCalibration) -> Table:
+    cut, end = len(CAMERA_NAMES), len(CAMERA_NAMES) + len(RIG_NAMES)
+    u = np.sqrt(np.diag(calibration.covariance)[cut:end])
+    frame = pd.DataFrame(
+        {
+            "parameter": RIG_NAMES,
+            "value": calibration.model.parameters,
+            "u": u,
+            "unit": [_UNITS[name] for name in RIG_NAMES],
+        }
+    )
+    note = "phase = (nx x + ny y + nz z + n0) / (dx x + dy y + dz z + 1) + smooth plate residual"
+    return Table("Rig parameters", frame, note, {"value": ".7g"}, {"value": "u"})
+
+
+def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
+    """Tabulate the projector's point beside where the session says it stands."""
+    position = projector_of(found.session)
+    fitted = projector_estimates(found.calibration, position)
+    if not fitted:
+        return ()
+    seen = np.array(seen_axes(found.calibration.model))
+    u = np.array([e.u for e in fitted])
+    frame = pd.DataFrame({"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": u})
+    frame["from"] = np.where(seen, "fringes", "not seen by these fringes")
+    if position is None:
+        frame.loc[~seen, "u / mm"] = np.nan
+    else:
+        frame["from"] = np.where(seen, "fringes", "stated; not seen by these fringes")
+        frame["stated / mm"], frame["u(stated) / mm"] = position.value_mm, position.u_mm
+        frame["difference / mm"] = np.where(seen, frame["fitted / mm"] - position.value_mm, np.nan)
+        both = np.hypot(u, position.u_mm)
+        frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
+    formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
+    doubts = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
+    note = "plate frame; the coordinate along the fringes cannot be seen by them"
+    doubts = {name: u for name, u in doubts.items() if name in frame}
+    return (Table("Position of the projector", frame, note, formats, doubts),)

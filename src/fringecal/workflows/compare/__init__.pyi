@@ -1,0 +1,3 @@
+from .report import (
+    comparison_report as comparison_report,
+)

@@ -1,0 +1,157 @@
+"""Two calibrations of one rig beside each other: whether they agree, in what was measured and in heights."""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import local_scale
+from fringecal.errors import RecordError
+from fringecal.projector import RigCalibration, apparent_angle, fringe_pitch_mm, projection_angle, seen_axes
+from fringecal.records import CalibrationRecord
+from fringecal.uncertainty import Estimate
+from fringecal.workflows.shared import calibration_of
+
+Array = NDArray[np.float64]
+Quantity = Callable[[RigCalibration], float]
+
+COVERAGE = 2.0  # k of the expanded uncertainties
+# Kinds of artefact whose error is the same in both calibrations where both used one and the same.
+_SHARED = {"grid pitch": ("line-grid",), "strip height": ("strips",)}
+# Fractions of the picture's width and height at which heights are compared.
+_PLACES = {
+    "centre": (0.5, 0.5),
+    "top left": (0.1, 0.1),
+    "top right": (0.9, 0.1),
+    "bottom left": (0.1, 0.9),
+    "bottom right": (0.9, 0.9),
+}
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One quantity in two calibrations; u of `difference` (second minus first) holds only what they do not share."""
+
+    name: str
+    first: Estimate
+    second: Estimate
+    difference: Estimate
+
+    @property
+    def en(self) -> float:
+        """Difference over its expanded uncertainty, k = 2; 0 where neither is uncertain nor different."""
+        value, expanded = self.difference.value, COVERAGE * self.difference.u
+        return value / expanded if expanded > 0 else math.copysign(math.inf, value) if value else 0.0
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the difference lies within its expanded uncertainty."""
+        return abs(self.en) <= 1
+
+
+def compare_calibrations(first: CalibrationRecord, second: CalibrationRecord) -> tuple[Compared, ...]:
+    """Compare two calibrations of one rig.
+
+    Every cause of doubt moves a quantity q by c_k per standard uncertainty. Causes that both share (grid pitch, strip
+    height, where both used the same artefact) move both together; the others do not:
+    ``u(d)^2 = sum_shared (c2_k - c1_k)^2 + sum_others (c1_k^2 + c2_k^2)`` (JCGM 100:2008, 5.2.2, correlation 1 or 0).
+
+    Parameters
+    ----------
+    first, second
+        Records of the same rig.
+
+    Raises
+    ------
+    RecordError
+        The records are of different rigs or pictures, or hold what this version does not know.
+    """
+    _demand_one_rig(first, second)
+    shared = shared_causes(first, second)
+    before, after = calibration_of(first), calibration_of(second)
+    return tuple(
+        _compared(name, unit, quantity, (before, after), shared) for name, unit, quantity in _quantities(before, after)
+    )
+
+
+def shared_causes(first: CalibrationRecord, second: CalibrationRecord) -> tuple[str, ...]:
+    """Name the causes of doubt that are one and the same in both: of artefacts whose files say the same."""
+    kept = [target for target in first.targets.values() if target in second.targets.values()]
+    kinds = {str(target.get("kind")) for target in kept}
+    return tuple(cause for cause, of in _SHARED.items() if kinds.intersection(of))
+
+
+def _demand_one_rig(*records: CalibrationRecord) -> None:
+    rigs = dict.fromkeys(record.session.rig for record in records)
+    if len(rigs) > 1:
+        raise RecordError(f"two calibrations of one rig were needed, found those of {' and '.join(rigs)}")
+    sizes = dict.fromkeys(f"{record.camera.width} x {record.camera.height} px" for record in records)
+    if len(sizes) > 1:
+        raise RecordError(f"pictures of one size were needed, found {' and '.join(sizes)}; the camera is another one")
+
+
+def _quantities(before: RigCalibration, after: RigCalibration) -> Iterator[tuple[str, str, Quantity]]:
+    for direction in ("mean", "horizontal", "vertical"):
+        yield f"scale, {direction}", "mm/px", lambda c, d=direction: local_scale(c.camera, d)  # type: ignore[misc]
+    yield "projection angle", "deg", lambda c: math.degrees(float(projection_angle(c.model, 0.0, 0.0)))
+    yield "apparent angle", "deg", lambda c: math.degrees(float(apparent_angle(c.model, c.camera, 0.0, 0.0)))
+    yield "fringe pitch on the plate", "mm", lambda c: float(fringe_pitch_mm(c.model))
+    yield from _projector(before, after)
+    height_mm = _round_height(before)
+    for place, (across, down) in _PLACES.items():
+        pixel = (across * (before.camera.width_px - 1), down * (before.camera.height_px - 1))
+        yield f"height of {height_mm:g} mm, {place}", "mm", _height_there(before, pixel, height_mm)
+
+
+def _projector(before: RigCalibration, after: RigCalibration) -> Iterator[tuple[str, str, Quantity]]:
+    """Give the coordinates of the projector that the fringes of both show."""
+    if not all(np.isfinite(c.model.projector_mm).all() for c in (before, after)):
+        return
+    seen = zip("xyz", *(seen_axes(c.model) for c in (before, after)), strict=True)
+    for place, (axis, *both) in enumerate(seen):
+        if all(both):
+            yield f"projector, {axis}", "mm", lambda c, i=place: float(c.model.projector_mm[i])  # type: ignore[misc]
+
+
+def _round_height(calibration: RigCalibration) -> float:
+    """Give the power of ten that is at most a tenth of the field's width, mm."""
+    width = calibration.camera.width_px * local_scale(calibration.camera, "mean")
+    return 10.0 ** math.floor(math.log10(width / 10))
+
+
+def _height_there(before: RigCalibration, pixel: tuple[float, float], height_mm: float) -> Quantity:
+    """Read the phase step of an object of this height, as the first calibration has it, with any calibration."""
+    rays = before.camera.rays(*map(np.array, pixel))
+    step = before.model.phase(*rays.at(height_mm), height_mm) - before.model.phase(*rays.at(0.0), 0.0)
+
+    def height(calibration: RigCalibration) -> float:
+        ours = calibration.camera.rays(*map(np.array, pixel))
+        return float(calibration.model.height(calibration.model.phase(*ours.at(0.0), 0.0) + step, ours))
+
+    return height
+
+
+def _compared(
+    name: str, unit: str, quantity: Quantity, both: tuple[RigCalibration, RigCalibration], shared: tuple[str, ...]
+) -> Compared:
+    moved = [_changes_by_cause(c, quantity) for c in both]
+    first, second = (
+        Estimate(quantity(c), _root_sum(changes.values()), unit, name) for c, changes in zip(both, moved, strict=True)
+    )
+    together = [np.subtract(moved[1].get(cause, 0.0), moved[0].get(cause, 0.0)) for cause in shared]
+    apart = [change for one in moved for cause, change in one.items() if cause not in shared]
+    difference = Estimate(second.value - first.value, _root_sum((*together, *apart)), unit, f"change of {name}")
+    return Compared(name, first, second, difference)
+
+
+def _root_sum(changes: Iterable[Array]) -> float:
+    return math.sqrt(sum(float(np.sum(np.square(change))) for change in changes))
+
+
+def _changes_by_cause(calibration: RigCalibration, quantity: Quantity) -> dict[str, Array]:
+    """Return the signed changes under the modes of each cause; a shared cause has one mode."""
+    changes = calibration.changes(quantity)
+    labels = [mode.label for mode in calibration.modes]
+    return {label: changes[[n for n, one in enumerate(labels) if one == label]] for label in dict.fromkeys(labels)}

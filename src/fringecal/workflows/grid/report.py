@@ -1,0 +1,238 @@
+"""What one picture of a grid tells, as parts of a report: its lines, the scale of the thesis's tables, the lens."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from fringecal.camera import DistortionTest, ThesisScale, check_points, cost_of_neglect_px, family_rms_px
+from fringecal.detect import FAMILIES, GridDetection, line_section
+from fringecal.report import (
+    DOUBT,
+    FigureItem,
+    Section,
+    Table,
+    distortion_quiver,
+    grid_overlay,
+    neglect_map,
+    scale_map,
+    section_plot,
+)
+from fringecal.uncertainty import Estimate, doubt_text, value_text
+from fringecal.workflows.shared import concise, estimates_table
+
+#: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone.
+MISFIT = 3.0
+
+
+@dataclass(frozen=True)
+class GridPicture:
+    """A picture of a grid with what was found in it; `scale` and `pitch_mm` are None without a target."""
+
+    name: str
+    picture: np.ndarray
+    detection: GridDetection
+    test: DistortionTest
+    scale: ThesisScale | None = None
+    pitch_mm: Estimate | None = None
+    used: np.ndarray | None = None
+
+    @property
+    def mm_per_px(self) -> float | None:
+        """Mean factor, if the pitch is known."""
+        return None if self.scale is None else self.scale.mean.value
+
+
+def lines_section(grid: GridPicture) -> Section:
+    """Show the lines over their picture, and the brightness across them (the thesis's figure 3.20)."""
+    found = grid.detection
+    counts = [len(found.family(family)) for family in FAMILIES]
+    sentence = (
+        f"{counts[0]} horizontal and {counts[1]} vertical {found.polarity} lines, "
+        f"{found.profile.width_px:.1f} px wide; {len(found.row)} crossings, each known to "
+        f"{float(np.median(found.sigma_px)):.3f} px (median u per axis)."
+    )
+    figures = [_overlay(grid, counts)]
+    if found.profile.blur_px > 0:  # dots have none, and no lines to be crossed
+        figures.append(_profile(grid))
+    return Section("Lines of the grid", (sentence,), (), tuple(figures))
+
+
+def _profile(grid: GridPicture) -> FigureItem:
+    sections = {str(family): line_section(grid.picture, grid.detection, family) for family in reversed(FAMILIES)}
+    return FigureItem(
+        "Intensity profile across the lines",
+        section_plot(sections),
+        "Grey level along one section across the vertical lines and one across the horizontal lines; marks stand "
+        "where lines were found.",
+    )
+
+
+def _overlay(grid: GridPicture, counts: list[int]) -> FigureItem:
+    found = grid.detection
+    return FigureItem(
+        "Lines and crossings found",
+        grid_overlay(grid.picture, found, used=grid.used, title=grid.name),
+        f"The picture with {counts[0]} horizontal and {counts[1]} vertical lines and {len(found.row)} crossings drawn "
+        "over it; some crossings carry their row and column.",
+        "png",
+    )
+
+
+def scale_section(grid: GridPicture) -> Section:
+    """Give the factor of the picture, the distances it comes from, and what using it costs (tables 3.1 to 3.4)."""
+    if grid.scale is None or grid.pitch_mm is None:
+        return Section("Scale", ("No scale: the grid's target was not named.",))
+    scale = grid.scale
+    factors = {"along u (vertical lines)": scale.horizontal, "along v (horizontal lines)": scale.vertical}
+    others = {"mean": scale.mean, "image centre, by the fitted view": grid.test.scale_at_centre(grid.pitch_mm)}
+    figure = FigureItem(
+        "What the mean factor costs over the field",
+        scale_map(grid.detection, grid.pitch_mm.value, scale.mean.value),
+        f"Error of the length of every piece of line by the mean factor, in percent; largest of the check distances "
+        f"{scale.largest_error_percent:+.3f} %. A slope means tilt, a bowl means lens distortion.",
+        "png",
+    )
+    tables = (
+        estimates_table("Scaling factor from distances between lines", factors | others, first="scale"),
+        *thesis_tables(scale),
+    )
+    return Section("Scale by the mean factor", (anisotropy_sentence(scale),), tables, (figure,))
+
+
+def anisotropy_sentence(scale: ThesisScale) -> str:
+    """Say whether the factors of both directions differ beyond their scatter."""
+    ratio = scale.anisotropy
+    p = scale.anisotropy_p
+    beyond = "differ beyond their scatter" if p < 0.05 else "do not differ beyond their scatter"
+    return (
+        f"The two directions {beyond} (vertical over horizontal {concise(ratio)}, p = {p:.2g}); tilt does this as well "
+        "as pixels that are not square. The camera fitted on the plate tells them apart."
+    )
+
+
+def thesis_tables(scale: ThesisScale) -> tuple[Table, ...]:
+    """Tabulate line distances and the errors of the mean factor, the thesis's way (its tables 3.1 to 3.4)."""
+    factors = f"mean factor {concise(scale.mean)}; distances in the middle third of the picture"
+    errors = f"distances at other places by the mean factor; largest error {scale.largest_error_percent:+.3f} %"
+    parts = (
+        ("Distances between vertical lines", scale.vertical_lines, factors),
+        ("Distances between horizontal lines", scale.horizontal_lines, factors),
+        ("Errors of distances between vertical lines", scale.horizontal_errors, errors),
+        ("Errors of distances between horizontal lines", scale.vertical_errors, errors),
+    )
+    return tuple(Table(caption, _by_span(frame), note, _SPAN_FORMATS) for caption, frame, note in parts)
+
+
+_SHOWN = {
+    "distance_px": ("mean distance / px", "sd distance / px"),
+    "factor_mm_per_px": ("mean factor / (mm/px)", "sd factor / (mm/px)"),
+    "error_mm": ("mean error / mm", "sd error / mm"),
+    "error_percent": ("mean error / %", "sd error / %"),
+}
+_SPAN_FORMATS = dict.fromkeys((spread for _, spread in _SHOWN.values()), DOUBT) | {
+    "nominal / mm": "g",
+    "mean distance / px": ".3f",
+    "mean factor / (mm/px)": ".5f",
+    "mean error / mm": "+z.3f",
+    "mean error / %": "+z.3f",
+}
+
+
+def _by_span(frame: pd.DataFrame) -> pd.DataFrame:
+    """Gather one row for each span between lines: the single distances would fill pages."""
+    groups = frame.groupby(["part", "span"], sort=False)
+    columns = {"distances": groups.size(), "nominal / mm": groups["distance_mm"].mean()}
+    for name, (mean, spread) in _SHOWN.items():
+        if name in frame:
+            columns |= {mean: groups[name].mean(), spread: groups[name].std()}
+    return pd.DataFrame(columns).fillna(0.0).reset_index()
+
+
+def distortion_section(grid: GridPicture) -> Section:
+    """Say whether the lens bends, where a reader can check it, and what neglecting it costs."""
+    test, shape = grid.test, grid.detection.shape
+    points = check_points(test, shape, mm_per_px=grid.mm_per_px)
+    formats = dict.fromkeys(points.columns[1:], "+.3f") | dict.fromkeys(("u / px", "v / px"), ".1f")
+    note = "distance of the crossing from the best plane view of the grid; outward: the lens's own displacement"
+    before = float(np.sqrt(np.mean(test.residual_before_px**2)))
+    after = float(np.sqrt(np.mean(test.residual_after_px**2)))
+    quiver = FigureItem(
+        "Residuals without and with the lens",
+        distortion_quiver(test, shape),
+        f"Arrows at the crossings, observed minus fitted: {before:.3f} px rms with a plane view alone, {after:.3f} px "
+        "with the lens. Arrows that point alike in a region show what a model leaves out.",
+        "png",
+    )
+    found = test.verdict != "none"
+    neglect = FigureItem(
+        "What neglecting the lens costs" if found else "Crossings off the best plane view",
+        neglect_map(test, shape, mm_per_px=grid.mm_per_px),
+        "Every crossing coloured by the error of its position when the lens is neglected."
+        if found
+        else "Every crossing coloured by its distance from the best plane view. No lens was found in it: what is left "
+        "is the scatter of the crossings and of the lines' own places.",
+        "png",
+    )
+    tables = (_straightness_table(test), Table("Distortion at check points", points, note, formats))
+    return Section("Lens distortion", distortion_sentences(test, grid.mm_per_px), tables, (quiver, neglect))
+
+
+def grid_sentence(grid: GridPicture) -> str:
+    """Say what the picture tells in one line; the sections say how."""
+    found, size = grid.test.verdict, distortion_size(grid.test)
+    lens = f"no lens distortion was found ({size})" if found == "none" else f"{found} distortion, {size}"
+    scale = (
+        "no scale, since the target was not named" if grid.scale is None else f"mean scale {concise(grid.scale.mean)}"
+    )
+    return f"{len(grid.detection.row)} crossings: {scale}; {lens}."
+
+
+def distortion_size(test: DistortionTest) -> str:
+    """Say in a few words how large the lens's distortion is, or how large a one would have shown."""
+    if test.verdict == "none":
+        return f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
+    return f"{concise(test.max_px)} at {test.radius_px:.0f} px from its centre"
+
+
+def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple[str, ...]:
+    """State verdict, size, detection limit, cost and centre in plain words."""
+    at = f"{value_text(test.max_px.value, test.max_px.u)} px (u = {doubt_text(test.max_px.u)} px) at "
+    at += f"{test.radius_px:.0f} px from its centre"
+    limit = f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
+    if test.verdict == "none":
+        bent = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
+    else:
+        bent = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
+    if test.misfit > MISFIT:
+        bent += (
+            f" What the lens leaves of the crossings is {test.misfit:.1f} times their own uncertainty: lines that are "
+            "not quite straight or evenly spaced, a sheet that is not quite flat, or a lens that bends otherwise."
+        )
+    worst = float(cost_of_neglect_px(test).max())
+    cost = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
+    neglected = f"With the lens neglected, positions err by up to {cost}."
+    if test.verdict == "none":
+        neglected = f"The worst crossing lies {cost} off the best plane view; no lens was found in it."
+    sentences = [bent, neglected]
+    if test.centre is not None:
+        u, v = test.centre
+        sentences.append(
+            f"Its centre lies at u = {concise(u)}, v = {concise(v)}. A tilt of the camera is fitted beside it: "
+            "without that, tilt would pass for a shift of the centre."
+        )
+    return tuple(sentences)
+
+
+def _straightness_table(test: DistortionTest) -> Table:
+    rows = [
+        {
+            "lines": family,
+            "before / px": family_rms_px(test.straightness_before, family),
+            "after / px": family_rms_px(test.straightness_after, family),
+        }
+        for family in FAMILIES
+    ]
+    formats = {"before / px": ".4f", "after / px": ".4f"}
+    note = "rms distance of their points from straight, before and after the lens is taken out"
+    return Table("Straightness of the lines", pd.DataFrame(rows), note, formats)

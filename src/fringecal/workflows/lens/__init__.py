@@ -1,0 +1,5 @@
+"""The full lens from pictures of a board, or from a file."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

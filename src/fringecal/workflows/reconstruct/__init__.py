@@ -1,0 +1,5 @@
+"""Measure an object with a calibrated rig."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,127 @@
+"""Measure an object with a calibrated rig."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from fringecal.errors import FitError, SessionError
+from fringecal.projector import RigCalibration
+from fringecal.reconstruct import HeightMap, Reason, reconstruct_height
+from fringecal.session import Capture, Session
+from fringecal.workflows.shared import (
+    UNTREATED,
+    CapturePhase,
+    Examination,
+    Treatment,
+    demand_same_picture,
+    examine,
+    filtered_heights,
+    filtered_phase,
+    minus_plate,
+    phase_of_capture,
+    plate_beside,
+)
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """An object's surface, the phase it was computed from, and the calibration that was applied."""
+
+    capture: Capture
+    phase: CapturePhase
+    examined: Examination
+    surface: HeightMap
+    calibration: RigCalibration
+    model: str
+    treatment: Treatment = UNTREATED
+
+    def shares(self) -> dict[str, float]:
+        """Return the share of valid pixels and of every reason for which others were masked."""
+        reasons = self.surface.reasons
+        masked = {r.name.lower(): float(np.mean((reasons & r) > 0)) for r in Reason if r.name}
+        return {"valid": float(np.mean(self.surface.mask))} | masked
+
+
+def reconstruct(
+    session: Session,
+    capture_name: str | None,
+    calibration: RigCalibration,
+    *,
+    model: str = "projective",
+    height_range_mm: tuple[float, float] | None = None,
+    treatment: Treatment = UNTREATED,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Measurement:
+    """Reconstruct the surface of an object capture.
+
+    Parameters
+    ----------
+    session, capture_name
+        The session, and the capture; None takes the only one of kind object.
+    calibration
+        The rig's calibration.
+    model
+        Name of a height model.
+    height_range_mm
+        Heights the object can have, where known: pixels beyond are masked.
+    treatment
+        Filters before and after, and whether the plate's own measured heights are subtracted.
+
+    Raises
+    ------
+    SessionError
+        No such capture, pictures of another size, or no capture of the plate to be subtracted.
+    PhaseError, FitError
+        No phase in the frames, or nothing whose fringe order could be decided.
+    """
+    capture = session.one("object") if capture_name is None else session.named(capture_name)
+    demand_same_picture(capture, calibration)
+    progress(f"phase of {capture.name}")
+    phase = phase_of_capture(capture, wave=calibration.wave)
+    progress(f"heights of {capture.name}")
+    seen = filtered_phase(phase, treatment.before)
+    surface = reconstruct_height(seen, calibration, model=model, height_range_mm=height_range_mm)
+    if treatment.minus_plate:
+        progress("heights of the plate")
+        surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
+    surface = filtered_heights(surface, treatment.after)
+    if not surface.mask.any():
+        raise FitError(_nothing_measured(capture.name, height_range_mm))
+    examined = examine(phase, calibration, plate=plate_beside(session, capture))
+    return Measurement(capture, phase, examined, surface, calibration, model, treatment)
+
+
+def _plate_surface(
+    session: Session, capture: Capture, calibration: RigCalibration, model: str, before: str
+) -> HeightMap:
+    """Measure the bare plate as the object is measured.
+
+    Raises
+    ------
+    SessionError
+        The session holds no capture of the plate with the same steps, or several.
+    """
+    plate = plate_beside(session, capture)
+    if plate is None:
+        raise SessionError(
+            [
+                f"capture {capture.name!r}: no single capture of the bare plate (kind reference) with the same steps "
+                "was found to subtract; add one, or measure without subtracting the plate"
+            ]
+        )
+    phase = phase_of_capture(plate, wave=calibration.wave)
+    return reconstruct_height(filtered_phase(phase, before), calibration, model=model)
+
+
+def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:
+    if height_range_mm is not None:
+        low, high = height_range_mm
+        return (
+            f"capture {name!r}: no part of the surface lies between the stated {low:g} and {high:g} mm; state the "
+            "heights above the plate that the object can have, or none."
+        )
+    return (
+        f"capture {name!r}: no part of the picture could be given a fringe order, as no connected part of it shows the "
+        "plate. Leave some plate visible beside the object, or state its height range."
+    )

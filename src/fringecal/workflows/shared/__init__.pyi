@@ -1,0 +1,144 @@
+from .appearance import (
+    appearance_of as appearance_of,
+)
+from .capture_phase import (
+    BORDER_PX as BORDER_PX,
+)
+from .capture_phase import (
+    CapturePhase as CapturePhase,
+)
+from .capture_phase import (
+    phase_of_capture as phase_of_capture,
+)
+from .capture_phase import (
+    shortest_period as shortest_period,
+)
+from .capture_phase import (
+    within_border as within_border,
+)
+from .causes import (
+    fewness as fewness,
+)
+from .causes import (
+    with_causes as with_causes,
+)
+from .causes import (
+    with_frames_causes as with_frames_causes,
+)
+from .diagnostics_section import (
+    doctor_section as doctor_section,
+)
+from .examination import (
+    Examination as Examination,
+)
+from .examination import (
+    examine as examine,
+)
+from .examination import (
+    height_per_rad_mm as height_per_rad_mm,
+)
+from .examination import (
+    plate_beside as plate_beside,
+)
+from .judgement import (
+    judged as judged,
+)
+from .judgement import (
+    judged_below as judged_below,
+)
+from .judgement import (
+    rms_estimate as rms_estimate,
+)
+from .phase_notes import (
+    findings_of as findings_of,
+)
+from .phase_notes import (
+    orders_record as orders_record,
+)
+from .phase_notes import (
+    steps_record as steps_record,
+)
+from .phase_notes import (
+    wave_record as wave_record,
+)
+from .record_parts import (
+    budget_rows as budget_rows,
+)
+from .record_parts import (
+    inputs_of as inputs_of,
+)
+from .record_parts import (
+    session_note as session_note,
+)
+from .report_parts import (
+    budget_table as budget_table,
+)
+from .report_parts import (
+    checks_table as checks_table,
+)
+from .report_parts import (
+    concise as concise,
+)
+from .report_parts import (
+    estimates_table as estimates_table,
+)
+from .report_parts import (
+    figures_of as figures_of,
+)
+from .report_parts import (
+    inputs_of_capture as inputs_of_capture,
+)
+from .report_parts import (
+    phase_section as phase_section,
+)
+from .report_parts import (
+    severest as severest,
+)
+from .report_parts import (
+    tables_of as tables_of,
+)
+from .rig_view import (
+    field_mm as field_mm,
+)
+from .rig_view import (
+    rig_figure as rig_figure,
+)
+from .same_rig import (
+    demand_same_picture as demand_same_picture,
+)
+from .same_rig import (
+    demand_same_rig as demand_same_rig,
+)
+from .stated_projector import (
+    displaced as displaced,
+)
+from .stated_projector import (
+    projector_of as projector_of,
+)
+from .stored_calibration import (
+    calibration_of as calibration_of,
+)
+from .surface_items import (
+    height_item as height_item,
+)
+from .surface_items import (
+    readable_surface as readable_surface,
+)
+from .surface_items import (
+    surface_item as surface_item,
+)
+from .treatment import (
+    UNTREATED as UNTREATED,
+)
+from .treatment import (
+    Treatment as Treatment,
+)
+from .treatment import (
+    filtered_heights as filtered_heights,
+)
+from .treatment import (
+    filtered_phase as filtered_phase,
+)
+from .treatment import (
+    minus_plate as minus_plate,
+)

@@ -1,0 +1,146 @@
+"""A capture's frames become a phase map: with the model as stated, or as the frames show it."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from fringecal.errors import PhaseError, SessionError
+from fringecal.phase import (
+    Adapted,
+    FringeOrders,
+    PhaseMap,
+    StepEstimate,
+    Waveform,
+    decide_orders,
+    demodulate_adapted,
+    mean_of_repeats,
+    orders_by_gray,
+)
+from fringecal.session import Capture
+
+BORDER_PX = 3  # what blurs or filters a picture lacks neighbours there, and a fringe's phase is pulled aside
+
+
+def within_border(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mask a picture's border of `BORDER_PX` pixels: true inside."""
+    inside = np.zeros(shape, dtype=np.bool_)
+    inside[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX] = True
+    return inside
+
+
+@dataclass(frozen=True)
+class CapturePhase:
+    """The phase of one capture, and how its frames differ from what is stated of them."""
+
+    capture: Capture
+    adapted: Adapted
+    orders: FringeOrders | None = None
+
+    @property
+    def map(self) -> PhaseMap:
+        """The phase map of the shortest period, corrected, with its orders where further periods decide them."""
+        return replace(self.adapted.map, orders=self.orders)
+
+    def again(self, frames: ArrayLike) -> PhaseMap:
+        """Demodulate other frames of the same set, such as filtered ones, with the same corrections and orders."""
+        map_ = self.adapted.again(frames, white_level=self.capture.white_level)
+        return map_ if self.orders is None else replace(map_, orders=self.orders.of(map_.phase))
+
+    @property
+    def steps_rad(self) -> tuple[float, ...]:
+        """Steps that were used, rad."""
+        return self.adapted.scheme.steps_rad
+
+    @property
+    def estimated(self) -> StepEstimate | None:
+        """What the frames say of the steps; None where they say nothing, with the reason in the notes."""
+        return self.adapted.steps
+
+    @property
+    def used(self) -> str:
+        """Which steps were used: "stated" or "estimated"."""
+        return "stated" if self.steps_rad == tuple(self.capture.steps_rad) else "estimated"
+
+    def sentence(self) -> str:
+        """Say plainly which model was used and why."""
+        stated = ", ".join(f"{math.degrees(s):.1f}" for s in self.capture.steps_rad)
+        notes = "".join(f"; {note}" for note in self.adapted.notes)
+        notes += "" if self.orders is None else f"; {self.orders.sentence()}"
+        if not self.adapted.undone:
+            return f"{self.capture.name}: steps as stated ({stated} deg){notes}."
+        undone = "; ".join(self.adapted.undone)
+        return f"{self.capture.name}: the frames do not fit the stated model ({stated} deg): {undone}{notes}."
+
+
+def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> CapturePhase:
+    """Demodulate a capture; where the stated steps, even light and cosine do not fit, as its frames show them.
+
+    Parameters
+    ----------
+    capture
+        A phase-shifted capture. Of several fringe periods the shortest gives the phase, the others its orders.
+    wave
+        Shape of the fringes as found on the bare plate.
+
+    Raises
+    ------
+    SessionError
+        The capture has no steps.
+    PhaseError
+        The frames hold no phase, or contradict the stated periods.
+    """
+    if not capture.steps_rad:
+        raise SessionError(
+            [f"capture {capture.name!r}: no phase steps; state steps_deg under [phase] or in the capture"]
+        )
+    adapted = _adapted(capture, shortest_period(capture), wave)
+    if not adapted.map.valid.any():
+        raise PhaseError(
+            f"capture {capture.name!r}: no pixel carries fringes ({_why(adapted.map)}). Check lamp, focus and "
+            "exposure, and that the frames are those of a phase-shifted set."
+        )
+    return CapturePhase(capture, adapted, _orders(capture, adapted))
+
+
+def shortest_period(capture: Capture) -> int:
+    """Return the number of the set with the shortest fringes, which carries the phase."""
+    return int(np.argmin(capture.periods)) if capture.periods else 0
+
+
+def _adapted(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
+    """Demodulate one of a capture's sets."""
+    frames = frames_of(capture, period=period)
+    return demodulate_adapted(frames, capture.steps_rad, white_level=capture.white_level, wave=wave)
+
+
+def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:
+    """Decide orders by the capture's Gray code or further periods, where it has them."""
+    try:
+        if capture.gray_paths:
+            return orders_by_gray(main.map, capture.read_gray())
+        return _orders_of_periods(capture, main) if len(capture.periods) > 1 else None
+    except PhaseError as error:
+        raise PhaseError(f"capture {capture.name!r}: {error}") from error
+
+
+def _orders_of_periods(capture: Capture, main: Adapted) -> FringeOrders:
+    shortest = shortest_period(capture)
+    # Few wide fringes do not show their own shape: it is that of the narrow ones, from the same projector.
+    maps = [main.map if k == shortest else _adapted(capture, k, main.wave).map for k in range(len(capture.periods))]
+    return decide_orders([m.phase for m in maps], [m.sigma for m in maps], capture.periods)
+
+
+def frames_of(capture: Capture, *, period: int | None = None) -> NDArray[np.generic]:
+    """Return the frames of one fringe period, by default the shortest: as taken, or the mean of the repeats."""
+    period = shortest_period(capture) if period is None else period
+    if capture.repeat < 2:
+        return capture.read_set(period=period)
+    sets = np.stack([capture.read_set(repeat=k, period=period) for k in range(capture.repeat)])
+    return mean_of_repeats(sets, white_level=capture.white_level)
+
+
+def _why(phase_map: PhaseMap) -> str:
+    shares = {name: share for name, share in phase_map.shares().items() if name != "valid" and share > 0}
+    return ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in shares.items())

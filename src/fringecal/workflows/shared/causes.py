@@ -1,0 +1,88 @@
+"""Why strips or artefacts could not be found: what the frames themselves show, said before what it led to."""
+
+from collections.abc import Iterator
+
+from fringecal.errors import FringecalError
+from fringecal.phase import PhaseMap, diagnose
+from fringecal.session import Capture
+from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
+
+_LEAST_SHARE = 0.3  # of the picture: with fewer fringes the strips' row breaks up
+_FATAL = ("swapped frames", "stale frame", "duplicate frames")  # of the doctor's findings: no correction undoes them
+_REMEDIES = {
+    "saturated": "expose shorter, or dim the lamp",
+    "dark": "more light is needed",
+    "low_modulation": "the projector's light must carry fringes there: check slide, focus and ambient light",
+    "outside": "let the fringes fill the field",
+    "misfit": "the frames are none of one phase-shifted set: take it again",
+}
+
+
+def with_causes(error: FringecalError, reference: CapturePhase, strips: CapturePhase) -> FringecalError:
+    """Return what is wrong with the frames in place of what it led to; the error as it is where nothing is.
+
+    What was said of the strips guesses at causes, which a reader who has been told the cause need not weigh.
+
+    Parameters
+    ----------
+    error
+        What was said of the strips.
+    reference, strips
+        The two captures.
+    """
+    causes = [*fewness(reference), *fewness(strips), *_faults(strips, reference)]
+    return error if not causes else type(error)(" ".join([*causes, "Without that the strips cannot be found."]))
+
+
+def with_frames_causes(error: FringecalError, phase: CapturePhase, plate: Capture | None = None) -> FringecalError:
+    """Return what is wrong with an artefact's frames in place of what it led to; the error as it is where nothing is.
+
+    Parameters
+    ----------
+    error
+        What was said of the surface.
+    phase
+        The artefact's capture.
+    plate
+        The bare plate's capture of the same session, if there is one.
+    """
+    causes = [*fewness(phase), *_faults_of(phase, plate, set())]
+    return error if not causes else type(error)(" ".join([*causes, "Without that its heights cannot be measured."]))
+
+
+def fewness(phase: CapturePhase) -> Iterator[str]:
+    """Say why few pixels of a capture carry fringes, if so."""
+    shares = phase.map.shares()
+    if shares["valid"] < _LEAST_SHARE:
+        reason = main_reason(phase.map)
+        yield (
+            f"Capture {phase.capture.name!r}: only {100 * shares['valid']:.0f} % of the picture carries fringes, "
+            f"{100 * shares[reason]:.0f} % is {reason.replace('_', ' ')}; {_REMEDIES[reason]}."
+        )
+
+
+def main_reason(phase: PhaseMap) -> str:
+    """Return why most of the pixels without a phase have none."""
+    shares = phase.shares()
+    return max((name for name in shares if name != "valid"), key=lambda name: shares[name])
+
+
+def _faults(strips: CapturePhase, reference: CapturePhase) -> Iterator[str]:
+    """Let the doctor look for frames in another order, or of one step, in either capture."""
+    seen: set[str] = set()
+    for phase, beside in ((reference, None), (strips, reference.capture)):
+        yield from _faults_of(phase, beside, seen)
+
+
+def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[str]) -> Iterator[str]:
+    """Name what no correction undoes in one capture, but for what was `seen` before."""
+    capture = phase.capture
+    frames = capture.read_set(period=shortest_period(capture))
+    plate = None if beside is None else beside.read_set(period=shortest_period(beside))
+    if plate is not None and plate.shape != frames.shape:
+        plate = None
+    found = diagnose(frames, capture.steps_rad, white_level=capture.white_level, reference=plate)
+    for finding in found.findings:
+        if finding.name in _FATAL and finding.name not in seen:
+            seen.add(finding.name)
+            yield f"Capture {capture.name!r}, {finding.name}: {finding.what} ({finding.how_large}); {finding.remedy}."

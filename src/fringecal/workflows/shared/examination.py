@@ -1,0 +1,112 @@
+"""The doctor's round in a procedure: what is wrong with a capture's frames, its cost in mm, and what was undone."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fringecal.errors import PhaseError
+from fringecal.phase import Diagnosis, Finding, compare_repeats, diagnose, findings_of_repeats
+from fringecal.projector import RigCalibration
+from fringecal.session import Capture, Session
+from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What the doctor found in one capture, and which of it the phase used is corrected for."""
+
+    phase: CapturePhase
+    diagnosis: Diagnosis
+    undone: frozenset[str]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What is wrong, the costliest first."""
+        return self.diagnosis.findings
+
+    def sentences(self) -> tuple[str, ...]:
+        """Say each finding in one sentence: what, how large, what it costs, what was or is to be done."""
+        return tuple(self._sentence(finding) for finding in self.findings)
+
+    def _sentence(self, finding: Finding) -> str:
+        cost = "it costs pixels"
+        if finding.cost_rad is not None:
+            height = "" if finding.cost_mm is None else f", {finding.cost_mm:.3f} mm of height"
+            cost = f"it costs {finding.cost_rad:.3f} rad rms{height}"
+        done = f"undone in the phase used; to be rid of it: {finding.remedy}"
+        what = done if finding.name in self.undone else finding.remedy
+        name = self.phase.capture.name
+        return f"{name}: {finding.name}: {finding.what} ({finding.how_large}); {cost}; {what}."
+
+
+def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture | None = None) -> Examination:
+    """Let the doctor look at a capture's frames.
+
+    Parameters
+    ----------
+    phase
+        The capture as demodulated.
+    calibration
+        The rig: it turns costs into heights.
+    plate
+        The bare plate's capture of the same session, where `phase` shows something else.
+    """
+    capture = phase.capture
+    period = shortest_period(capture)
+    frames = capture.read_set(period=period)
+    bare = None if plate is None else plate.read_set(period=period)
+    found = diagnose(
+        frames,
+        capture.steps_rad,
+        white_level=capture.white_level,
+        reference=None if bare is None or bare.shape != frames.shape else bare,
+        mm_per_rad=height_per_rad_mm(calibration),
+    )
+    return Examination(phase, _with_repeats(found, capture, calibration), _undone(phase))
+
+
+def plate_beside(session: Session, capture: Capture) -> Capture | None:
+    """Return the session's capture of the bare plate that another capture can be compared with, if there is one."""
+    plates = [one for one in session.find("reference") if one.name != capture.name]
+    same = [one for one in plates if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    return same[0] if len(same) == 1 else None
+
+
+def height_per_rad_mm(calibration: RigCalibration) -> float:
+    """Return the height that one radian stands for at the plate-frame origin, mm."""
+    centre = np.array([calibration.camera.centre_px])
+    rays = calibration.camera.rays(centre[:, 0], centre[:, 1])
+    along_x, along_y, along_z = calibration.model.gradient(rays.ax, rays.ay, 0.0)
+    return float(1 / np.abs(along_z + along_x * rays.bx + along_y * rays.by)[0])
+
+
+def _with_repeats(found: Diagnosis, capture: Capture, calibration: RigCalibration) -> Diagnosis:
+    """Add what repeats of the set show."""
+    if capture.repeat < 2:
+        return found
+    sets = np.stack([capture.read_set(repeat=k, period=shortest_period(capture)) for k in range(capture.repeat)])
+    try:
+        scatter = compare_repeats(sets, capture.steps_rad, white_level=capture.white_level)
+    except PhaseError as error:
+        return replace(found, notes=(*found.notes, f"repeats could not be compared: {error}"))
+    scale = height_per_rad_mm(calibration)
+    more = tuple(
+        finding if finding.cost_rad is None else replace(finding, cost_mm=finding.cost_rad * scale)
+        for finding in findings_of_repeats(scatter)
+    )
+    return replace(found, findings=(*found.findings, *more))
+
+
+def _undone(phase: CapturePhase) -> frozenset[str]:
+    """Return the names of the findings that the phase used is corrected for."""
+    used = phase.adapted
+    names = set()
+    if phase.used == "estimated":
+        names.add("wrong steps")
+    if used.scheme.name == "equalised":
+        names |= {"lamp drift", "vibration"}
+    if used.change_rad_px.any():
+        names.add("uneven steps")
+    if used.wave is not None and used.wave.matters(used.scheme):
+        names |= {"gamma", "clipped slide"}
+    return frozenset(names)

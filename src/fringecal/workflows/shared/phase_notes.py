@@ -1,0 +1,79 @@
+"""Between what a procedure found of a capture's frames and what a record keeps of it."""
+
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.phase import PlateOrders, Waveform
+from fringecal.records import FindingRecord, OrdersRecord, StepsRecord, WaveRecord
+from fringecal.workflows.shared.examination import Examination
+
+
+def steps_record(examined: Examination) -> StepsRecord:
+    """Return what the record keeps of one capture's frames."""
+    found = examined.phase
+    estimate = found.estimated
+    measured = (
+        {}
+        if estimate is None
+        else {
+            "estimated_rad": _numbers(estimate.steps_rad),
+            "u_rad": _numbers(estimate.u_rad),
+            "modulation_per_frame": _numbers(estimate.gain_per_frame),
+            "background_per_frame": _numbers(estimate.background_per_frame),
+            "offset_per_frame": _numbers(estimate.offset_per_frame),
+        }
+    )
+    return StepsRecord(
+        capture=found.capture.name,
+        stated_rad=tuple(found.capture.steps_rad),
+        used="estimated" if found.used == "estimated" else "stated",
+        undone=found.adapted.undone,
+        notes=found.adapted.notes,
+        findings=findings_of(examined),
+        **measured,
+    )
+
+
+def findings_of(examined: Examination) -> tuple[FindingRecord, ...]:
+    """Return what the record keeps of the doctor's findings."""
+    return tuple(
+        FindingRecord(**asdict(finding), undone=finding.name in examined.undone) for finding in examined.findings
+    )
+
+
+def wave_record(wave: Waveform | None) -> WaveRecord | None:
+    """Return what the record keeps of the fringes' shape."""
+    if wave is None:
+        return None
+    return WaveRecord(
+        ratios_real=_numbers(wave.ratios.real),
+        ratios_imaginary=_numbers(wave.ratios.imag),
+        u=_numbers(wave.u),
+        blocks=wave.n_blocks,
+        exponent=wave.gamma,
+        u_exponent=wave.u_gamma,
+    )
+
+
+def wave_of(written: WaveRecord | None) -> Waveform | None:
+    """Return the fringes' shape that a record holds."""
+    if written is None:
+        return None
+    ratios = np.array(written.ratios_real) + 1j * np.array(written.ratios_imaginary)
+    return Waveform(ratios, np.array(written.u), written.blocks)
+
+
+def orders_record(orders: PlateOrders | None) -> OrdersRecord | None:
+    """Return what the record keeps of how several periods number the fringes."""
+    return None if orders is None else OrdersRecord(**asdict(orders))
+
+
+def orders_of(written: OrdersRecord | None) -> PlateOrders | None:
+    """Return how several periods number the fringes, as a record holds it."""
+    return None if written is None else PlateOrders(**written.model_dump())
+
+
+def _numbers(values: NDArray) -> tuple[float, ...]:
+    return tuple(map(float, values))

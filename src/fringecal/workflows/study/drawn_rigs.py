@@ -1,0 +1,174 @@
+"""Random virtual rigs for a study: every influence drawn, and what the session states apart from what is true."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fringecal.simulate import RigSpec, SimulatedSession, StepsSpec, simulate_session, stated_target
+from fringecal.targets import Target
+
+PICTURE_PX = (320, 240)  # small, so that a rig takes seconds
+STEP_ERROR_DEG = 1.5  # standard deviation: a mirror turned by hand
+
+_CERTIFICATE = "virtual: the true size is off by a normal error of the stated u"
+_STEPS_DEG = ((0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0))
+
+type Draw = np.random.Generator
+
+
+@dataclass(frozen=True)
+class DrawnRig:
+    """A rig of a study with what is true of it and of its artefacts.
+
+    Parameters
+    ----------
+    number
+        Its number in the study.
+    spec
+        The true rig; its captures name the artefacts as the session states them.
+    targets
+        The artefacts as they are, by capture name.
+    steps
+        What the mirror did, by capture name: every capture has errors of its own.
+    seed
+        Of noise, and of what was measured by hand.
+    """
+
+    number: int
+    spec: RigSpec
+    targets: dict[str, Target]
+    steps: dict[str, StepsSpec]
+    seed: int
+
+    def session(self) -> SimulatedSession:
+        """Take all captures; the session states what somebody at this rig could know."""
+        return simulate_session(self.spec, seed=self.seed, targets=self.targets, steps=self.steps, with_truth=False)
+
+
+def draw_rig(number: int, *, seed: int = 0, spec: RigSpec | None = None) -> DrawnRig:
+    """Draw one rig of a study; its number and the study's seed decide all of it.
+
+    Drawn are camera (height, scale, tilt, principal point, distortion), projector (place, direction, pitch, lens,
+    gamma, contrast, focus), steps (an error for every frame of every capture), light, noise and artefacts. True sizes
+    of grid and strips are normal about the stated ones; the stated height of the camera and place of the projector
+    are normal about the true ones.
+
+    Parameters
+    ----------
+    number
+        Number of the rig.
+    seed
+        Seed of the study.
+    spec
+        One rig for the whole study, of which only the errors are drawn; every rig another by default.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
+    if spec is None:
+        spec = _random_spec(rng, number)
+    captures = tuple(c for c in spec.capture if c.kind in ("grid", "reference", "strips"))
+    spec = spec.model_copy(update={"capture": captures})
+    stated = {c.name: stated_target(c) for c in captures}
+    targets = {name: _true_target(rng, target) for name, target in stated.items() if target is not None}
+    steps = {c.name: _true_steps(rng, spec.steps) for c in captures if c.kind != "grid"}
+    return DrawnRig(number, spec, targets, steps, int(rng.integers(2**31)))
+
+
+def _random_spec(rng: Draw, number: int) -> RigSpec:
+    scale = rng.uniform(0.85, 1.1)
+    steps_deg = _STEPS_DEG[int(rng.integers(len(_STEPS_DEG)))]
+    return RigSpec.model_validate(
+        {
+            "name": f"drawn {number}",
+            "camera": _camera(rng, scale),
+            "projector": _projector(rng),
+            "steps": {"nominal_deg": steps_deg},
+            "light": {
+                "mid_grey": rng.uniform(0.35, 0.48),
+                "ambient": rng.uniform(0.05, 0.25),
+                "room_grey": rng.uniform(0.6, 0.8),
+                "room_gradient": rng.uniform(-0.06, 0.06, 2).tolist(),
+                "flicker": rng.uniform(0.0, 0.004),
+            },
+            "noise": {"read_levels": rng.uniform(0.5, 1.5), "gain": rng.uniform(0.0, 0.01)},
+            "surface": {"seed": int(rng.integers(2**31)), "smooth": 0.01, "speckle": 0.01, "speckle_mm": scale},
+            "stated": {"camera_height_u_mm": rng.uniform(2.0, 8.0), "projector_position_u_mm": 3.0},
+            "capture": _captures(rng, scale),
+        }
+    )
+
+
+def _camera(rng: Draw, scale: float) -> dict[str, Any]:
+    width, height = PICTURE_PX
+    return {
+        "width_px": width,
+        "height_px": height,
+        "scale_mm_per_px": scale,
+        "height_mm": rng.uniform(1000.0, 1800.0),
+        "tilt_deg": rng.uniform(-1.2, 1.2, 2).tolist(),
+        "principal_offset_px": rng.normal(0.0, 0.01 * math.hypot(width, height), 2).tolist(),
+        "distortion": [rng.uniform(-0.15, 0.1), 0.0, 0.0, 0.0, 0.0],
+        "vignetting": 0.05,
+        "defocus_px": rng.uniform(0.3, 0.6),
+    }
+
+
+def _projector(rng: Draw) -> dict[str, Any]:
+    """Place the lamp above or below the picture, its fringes about along the rows."""
+    height_mm, angle = rng.uniform(850.0, 1300.0), math.radians(rng.uniform(40.0, 52.0))
+    azimuth_deg = rng.choice([-90.0, 90.0]) + rng.uniform(-8.0, 8.0)
+    out, azimuth = height_mm * math.tan(angle), math.radians(azimuth_deg)
+    return {
+        "position_mm": [out * math.cos(azimuth), out * math.sin(azimuth), height_mm],
+        "aim_mm": rng.uniform(-15.0, 15.0, 2).tolist(),
+        "across_deg": azimuth_deg + rng.uniform(-3.0, 3.0),
+        "pitch_mm": rng.uniform(7.5, 10.0),
+        "phase_at_origin_rad": rng.uniform(-math.pi, math.pi),
+        "contrast": rng.uniform(0.7, 0.95),
+        "gamma": rng.uniform(0.95, 1.1),
+        "distortion": [rng.uniform(-0.05, 0.05), 0.0],
+        "defocus_mm": rng.uniform(0.2, 0.6),
+    }
+
+
+def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
+    grid = {
+        "kind": "line-grid",
+        "name": "grid",
+        "polarity": "dark",
+        "pitch_mm": {"value": 10.0, "u": rng.uniform(0.002, 0.006)},
+        "line_width_mm": {"value": 0.9, "u": 0.05},
+    }
+    strips = {
+        "kind": "strips",
+        "name": "strips",
+        "count": max(8, int(0.8 * PICTURE_PX[0] * scale / 20.0)),
+        "width_mm": {"value": 10.0, "u": 0.05},
+        "gap_mm": {"value": 10.0, "u": 0.05},
+        "height_mm": {"value": round(rng.uniform(2.5, 4.0), 2), "u": rng.uniform(0.003, 0.01)},
+        "length_mm": {"value": 400.0, "u": 0.5},
+    }
+    common = {"format": 1, "certificate": _CERTIFICATE}
+    return [
+        {"name": "grid", "kind": "grid", "target": common | grid} | _place(rng),
+        {"name": "reference", "kind": "reference"},
+        {"name": "strips", "kind": "strips", "target": common | strips} | _place(rng),
+    ]
+
+
+def _place(rng: Draw) -> dict[str, Any]:
+    return {"position_mm": rng.uniform(-3.0, 3.0, 2).tolist(), "rotation_deg": rng.uniform(-0.6, 0.6)}
+
+
+def _true_target(rng: Draw, stated: Target) -> Target:
+    """Return the artefact as it is: what the rig hangs on is off by a normal error of its stated u."""
+    name = "pitch_mm" if stated.kind == "line-grid" else "height_mm"
+    size = getattr(stated, name)
+    true = size.model_copy(update={"value": size.value + size.u * float(rng.standard_normal())})
+    return stated.model_copy(update={name: true})
+
+
+def _true_steps(rng: Draw, steps: StepsSpec) -> StepsSpec:
+    errors = rng.normal(0.0, STEP_ERROR_DEG, len(steps.nominal_deg))
+    return steps.model_copy(update={"error_deg": tuple(errors.tolist())})

@@ -1,0 +1,75 @@
+"""Named checks of a verification: every profile and every certified number against its certificate."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from fringecal.records import DEFAULT_LIMITS, Check, Limits
+from fringecal.uncertainty import Estimate
+from fringecal.verification import Reading
+from fringecal.workflows.shared import judged
+
+if TYPE_CHECKING:
+    from fringecal.workflows.verify.run import Verification
+    from fringecal.workflows.verify.session_artefacts import Verified
+
+
+def verified_checks(found: "Verified", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of all artefacts of a session, named by their captures.
+
+    An artefact that was laid there to verify the rig and could not be measured is a check that failed.
+    """
+    bars = ((one.capture.name, verification_checks(one, limits)) for one in found.bars)
+    others = ((one.capture.name, artefact_checks(one.readings, limits)) for one in found.artefacts)
+    measured = tuple(
+        check.model_copy(update={"name": f"{name}: {check.name}"})
+        for name, checks in (*bars, *others)
+        for check in checks
+    )
+    failed = (
+        Check(name=f"{name}: measured", decision="fail", rule="the artefact can be measured; the notes say why not")
+        for name, _ in found.failures
+    )
+    return (*measured, *failed)
+
+
+def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of a verification: every profile, and all together, against the certificate."""
+    most = limits.verify.en
+    rule = f"|En| <= {most:g}, En = mean error over its expanded uncertainty (k = 2), certificate included"
+    checks = []
+    for profile in (*found.errors.profiles, found.errors.pooled):
+        if profile.en is not None:
+            decision = "pass" if abs(profile.en) <= most else "fail"
+            name = f"mean error, {profile.name if profile is found.errors.pooled else 'profile ' + profile.name}"
+            checks.append(Check(name=name, value=profile.en, limit=most, decision=decision, rule=rule))
+    if limits.verify.mean_error_percent is not None:
+        checks.append(_tolerated_mean(found, limits))
+    return tuple(checks)
+
+
+def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
+    """Hold the mean error of all profiles against the laboratory's own tolerance."""
+    pooled, full = found.errors.pooled, found.errors.full_height_mm
+    return judged(
+        "mean error against the tolerance",
+        Estimate(pooled.mean_percent, 100 * pooled.u_mm / full, "%"),
+        limits.verify.mean_error_percent or 0.0,
+        level=limits.level,
+    )
+
+
+def artefact_checks(readings: Sequence[Reading], limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of an artefact: every certified number, against its certificate."""
+    most = limits.verify.en
+    rule = f"|En| <= {most:g}, En = error over the expanded uncertainties (k = 2) of rig and certificate"
+    return tuple(
+        Check(
+            name=reading.name,
+            value=reading.en,
+            limit=most,
+            decision="pass" if abs(reading.en) <= most else "fail",
+            rule=rule,
+        )
+        for reading in readings
+        if reading.en is not None
+    )

@@ -1,0 +1,179 @@
+"""Verify a calibrated rig on an artefact of known geometry: the zig-zag of angle bars."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fringecal.errors import FringecalError, SessionError
+from fringecal.projector import HEIGHT_MODELS, RigCalibration
+from fringecal.reconstruct import HeightMap, absolute_phase, height_of_phase
+from fringecal.session import Capture, Session
+from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Wedge, Zigzag
+from fringecal.verification import (
+    FILTERS,
+    FilterResult,
+    ZigzagErrors,
+    ZigzagPose,
+    filter_study,
+    register_zigzag,
+    zigzag_errors,
+    zigzag_shape,
+)
+from fringecal.workflows.shared import (
+    CapturePhase,
+    Examination,
+    demand_same_picture,
+    examine,
+    filtered_phase,
+    phase_of_capture,
+    plate_beside,
+    with_frames_causes,
+)
+
+Progress = Callable[[str], None]
+
+VERIFIED = (Zigzag, Flat, Steps, Wedge, Box, Sphere, BallBar)
+"""Targets that heights can be judged on."""
+
+_HEADROOM = 0.35  # of the full height, added on both sides of what a bar can measure
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A zig-zag measured with a calibrated rig, against its certificate.
+
+    `models` holds the errors by height model, `filters` by combination of filters before and after the phase.
+    """
+
+    capture: Capture
+    target: Zigzag
+    phase: CapturePhase
+    examined: Examination
+    surface: HeightMap
+    pose: ZigzagPose
+    errors: ZigzagErrors
+    models: dict[str, ZigzagErrors]
+    filters: tuple[FilterResult, ...]
+
+
+def verify(
+    session: Session,
+    capture_name: str | None,
+    calibration: RigCalibration,
+    *,
+    rows_px: tuple[int, ...] | None = None,
+    with_filters: bool = True,
+    with_models: bool = True,
+    progress: Progress = lambda _: None,
+) -> Verification:
+    """Measure a zig-zag and compare it with its certificate along profiles.
+
+    Parameters
+    ----------
+    session, capture_name
+        The session, and the capture of the bars; None takes the only one of kind artefact.
+    calibration
+        The rig's calibration.
+    rows_px
+        Rows of the profiles; by default the thesis's A..E, or five spread over the bars.
+    with_filters
+        Also judge every combination of median and mean filtering before and after the phase.
+    with_models
+        Also read the same phase by the simpler height models.
+
+    Raises
+    ------
+    SessionError
+        No such capture, its target is no zig-zag, or its pictures do not fit the calibration.
+    FitError
+        The surface is not the target's.
+    """
+    capture = artefact_capture(session, capture_name, calibration)
+    if not isinstance(capture.target, Zigzag):
+        raise SessionError([f"capture {capture.name!r}: its target is no zig-zag; name the capture of the bars"])
+    progress("phase of the bars")
+    phase = phase_of_capture(capture, wave=calibration.wave)
+    plate = plate_beside(session, capture)
+    try:
+        progress("heights of the bars")
+        return _measured(phase, calibration, plate, rows_px, with_filters, with_models, progress)
+    except FringecalError as error:
+        raise with_frames_causes(error, phase, plate) from error
+
+
+def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, and what it has found so far
+    phase: CapturePhase,
+    calibration: RigCalibration,
+    plate: Capture | None,
+    rows_px: tuple[int, ...] | None,
+    with_filters: bool,
+    with_models: bool,
+    progress: Progress,
+) -> Verification:
+    capture, target = phase.capture, phase.capture.target
+    assert isinstance(target, Zigzag)
+    full = zigzag_shape(target).height_mm
+    heights = (-_HEADROOM * full, (1 + _HEADROOM) * full)
+    absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
+    surface = height_of_phase(absolute, calibration, height_range_mm=heights)
+    progress("registering the zig-zag")
+    pose = register_zigzag(surface, target)
+    errors = zigzag_errors(surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities)
+    models = {"projective": errors}
+    if with_models:
+        progress("height models side by side")
+    for name in HEIGHT_MODELS[:-1] if with_models else ():
+        other = height_of_phase(absolute, calibration, model=name)
+        models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
+    filters: tuple[FilterResult, ...] = ()
+    if with_filters:
+        progress("filters ranked")
+        filters = _filter_study(phase, calibration, target, pose, heights)
+    examined = examine(phase, calibration, plate=plate)
+    return Verification(capture, target, phase, examined, surface, pose, errors, models, filters)
+
+
+def artefact_capture(session: Session, name: str | None, calibration: RigCalibration) -> Capture:
+    """Return the capture to be verified: the one named, or the only one of kind artefact.
+
+    Raises
+    ------
+    SessionError
+        No such capture, no target to judge by, or pictures of another size than the calibration's.
+    """
+    capture = _only_artefact(session) if name is None else session.named(name)
+    if capture.target is None:
+        raise SessionError([f"capture {capture.name!r}: names no target; state the artefact with its certificate"])
+    if not isinstance(capture.target, VERIFIED):
+        kinds = ", ".join(kind.model_fields["kind"].default for kind in VERIFIED)
+        found = f"a target of kind {capture.target.kind!r}"
+        raise SessionError([f"capture {capture.name!r}: {found} has no surface to verify on; use {kinds}"])
+    if capture.use == "calibration":
+        raise SessionError(
+            [
+                f'capture {capture.name!r}: states use = "calibration", so the rig was fitted to it and agrees with '
+                "it in any case; verify on an artefact that took no part"
+            ]
+        )
+    demand_same_picture(capture, calibration)
+    return capture
+
+
+def _only_artefact(session: Session) -> Capture:
+    """Return the only artefact that took no part in the calibration."""
+    free = [capture for capture in session.find("artefact") if capture.use != "calibration"]
+    return free[0] if len(free) == 1 else session.one("artefact")
+
+
+def _filter_study(
+    phase: CapturePhase,
+    calibration: RigCalibration,
+    target: Zigzag,
+    pose: ZigzagPose,
+    heights: tuple[float, float],
+) -> tuple[FilterResult, ...]:
+    """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
+    surfaces = {}
+    for name in FILTERS:
+        absolute = absolute_phase(filtered_phase(phase, name), calibration, height_range_mm=heights)
+        surfaces[name] = height_of_phase(absolute, calibration, height_range_mm=heights)
+    return filter_study(surfaces, target, pose)

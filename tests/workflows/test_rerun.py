@@ -1,0 +1,195 @@
+"""Records run once more: every archived calibration, judgements, and records whose files or numbers have changed."""
+
+import json
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from fringecal.cli.app import main
+from fringecal.errors import RecordError
+from fringecal.records.audit_record import write_audit
+from fringecal.records.calibration_record import CalibrationRecord, read_calibration, write_calibration
+from fringecal.records.files import result_folder
+from fringecal.records.kinds_of_record import read_record
+from fringecal.records.limits import Limits
+from fringecal.records.verification_record import write_verification
+from fringecal.session import load_session
+from fringecal.workflows.audit.record import audit_record
+from fringecal.workflows.audit.run import audit
+from fringecal.workflows.rerun.run import calibration_file, demand_inputs, differences, rerun, session_folder
+from fringecal.workflows.shared.stored_calibration import calibration_of
+from fringecal.workflows.verify.record import verification_record
+from fringecal.workflows.verify.run import verify
+
+ARCHIVE = Path(__file__).parents[1] / "records" / "archive"
+VERSIONS = sorted(path.name for path in ARCHIVE.iterdir() if path.is_dir() and path.name[0].isdigit())
+
+
+@pytest.fixture(scope="module", params=VERSIONS)
+def archived(request) -> Path:
+    return ARCHIVE / request.param
+
+
+def test_an_archived_record_is_applied(archived):
+    bars = verify(load_session(archived / "session"), "bars", calibration_of(read_calibration(archived)))
+    # The virtual bars are as certified; a rig of 200 x 150 px and one grey level of noise knows heights to a
+    # hundredth of the bars' 28 mm.
+    assert bars.errors.pooled.max_abs_mm < 0.02 * bars.errors.full_height_mm
+    assert all(abs(profile.en) < 1.5 for profile in bars.errors.profiles)
+
+
+def test_an_archived_record_is_repeated(archived):
+    written = read_calibration(archived)
+    assert session_folder(written) == Path("session")
+    found = rerun(written, archived / "session")
+    assert found.fresh.inputs == written.inputs
+    then, now = ({c.name: c.decision for c in one.checks} for one in (written, found.fresh))
+    common = then.keys() & now.keys()  # later versions may judge more, or something better
+    assert len(common) >= 5
+    assert {name: now[name] for name in common} == {name: then[name] for name in common}
+    # Later versions may do better, and say so under "Numbers that change"; none may contradict an older one.
+    assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
+    assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
+
+
+# ---- verifications and audits ----------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def judged(tmp_path_factory) -> dict[str, Path]:
+    """The newest archived session verified and audited, by limits that are not the usual ones."""
+    place = tmp_path_factory.mktemp("judged")
+    folder = shutil.copytree(ARCHIVE / VERSIONS[-1] / "session", place / "session")
+    file = Path(shutil.copy(ARCHIVE / VERSIONS[-1] / "calibration.json", place))
+    session, record = load_session(folder), read_calibration(file)
+    limits = Limits(level=0.9)
+    bars = verify(session, "bars", calibration_of(record), rows_px=(40, 75), with_filters=False)
+    command = {verb: ("fringecal", verb, str(folder), "--calibration", str(file)) for verb in ("verify", "audit")}
+    audited = audit(session, calibration_of(record), record)
+    write_verification(verification_record(bars, session, file, command=command["verify"], limits=limits), place)
+    write_audit(audit_record(audited, file, command=command["audit"], limits=limits), place)
+    return {
+        "verify": place / "verification.json",
+        "audit": place / "audit.json",
+        "session": folder,
+        "calibration": file,
+    }
+
+
+@pytest.mark.parametrize("verb", ["verify", "audit"])
+def test_a_judgement_is_repeated_to_the_last_digit(judged, verb):
+    written, kind = read_record(judged[verb])
+    assert kind.name == {"verify": "verification", "audit": "audit"}[verb]
+    assert (session_folder(written), calibration_file(written)) == (judged["session"], judged["calibration"])
+    found = rerun(written, judged["session"], calibration_file(written))
+    assert found.identical, found.sentence
+    assert found.fresh.limits.level == 0.9
+
+
+@pytest.mark.parametrize("verb", ["verify", "audit"])
+def test_another_calibration_or_session_file_is_named(judged, verb, tmp_path):
+    written, _ = read_record(judged[verb])
+    session = shutil.copytree(judged["session"], tmp_path / "s")
+    with (session / "session.toml").open("a") as stream:
+        stream.write("# a note\n")
+    other = tmp_path / "calibration.json"
+    other.write_text(judged["calibration"].read_text() + "\n")
+    with pytest.raises(RecordError) as caught:
+        rerun(written, session, other)
+    assert [line.split(":")[0].strip() for line in str(caught.value).splitlines()[1:]] == [
+        "session.toml",
+        "calibration.json",
+    ]
+    with pytest.raises(RecordError, match="calibration.json: missing, .* --calibration"):
+        rerun(written, judged["session"])
+
+
+def test_a_calibration_that_was_replaced_is_found_where_it_is_kept(judged, tmp_path):
+    written, _ = read_record(judged["audit"])
+    session = shutil.copytree(judged["session"], tmp_path / "s")
+    kept, file = read_calibration(judged["calibration"]), tmp_path / "out" / "calibration.json"
+    file.parent.mkdir()
+    shutil.copy(judged["calibration"], file)
+    with result_folder(file.parent) as staging:
+        write_calibration(kept.model_copy(update={"notes": ("made anew",)}), staging)
+    with pytest.raises(RecordError) as caught:
+        rerun(written, session, file)
+    (named,) = re.findall(r"--calibration (\S+)", str(caught.value))
+    assert Path(named).parent.name == "earlier"
+    assert rerun(written, session, Path(named)).agrees
+
+
+def test_a_judgement_that_names_no_calibration_asks_for_it(judged):
+    written, _ = read_record(judged["audit"])
+    with pytest.raises(RecordError, match="--calibration"):
+        calibration_file(written.model_copy(update={"command": written.command[:3]}))
+    assert calibration_file(read_calibration(judged["calibration"])) is None
+
+
+def test_a_changed_number_of_an_audit_is_found(judged, tmp_path, capsys):
+    document = json.loads(judged["audit"].read_text())
+    change = document["changes"][0]
+    change["value"] += change["u"] / 2
+    (tmp_path / "audit.json").write_text(json.dumps(document))
+    with pytest.raises(SystemExit) as stop:
+        main(["rerun", str(tmp_path)])
+    assert stop.value.code == 3
+    assert "changes[0].value" in capsys.readouterr().out
+
+
+# ---- what is no longer the same --------------------------------------------------------------------
+@pytest.fixture(scope="module")
+def newest() -> CalibrationRecord:
+    return read_calibration(ARCHIVE / VERSIONS[-1])
+
+
+def test_every_file_that_is_not_the_records_is_named(newest, tmp_path):
+    folder = shutil.copytree(ARCHIVE / VERSIONS[-1] / "session", tmp_path / "s")
+    demand_inputs(newest, folder)
+    (folder / "grid.png").unlink()
+    text = (folder / "session.toml").read_text()
+    (folder / "session.toml").write_text(text + "# a note\n")
+    with pytest.raises(RecordError) as caught:
+        rerun(newest, folder)
+    grid, toml = sorted(line.strip() for line in str(caught.value).splitlines()[1:])
+    assert grid.startswith("grid.png: missing")
+    assert toml.startswith("session.toml: another content (SHA-256 ")
+
+
+def test_a_record_without_a_command_line_needs_a_folder(newest):
+    with pytest.raises(RecordError, match="--session"):
+        session_folder(newest.model_copy(update={"command": ()}))
+
+
+def document_of(record):
+    return json.loads(record.model_dump_json())
+
+
+@pytest.mark.parametrize(
+    ("place", "change", "part", "matters"),
+    [
+        (("scale", "mean", "value"), lambda old, u: old + u / 2, 0.5, True),
+        (("scale", "mean", "value"), lambda old, u: old + u / 1000, 0.001, False),
+        (("scale", "mean", "u"), lambda old, _: old * (1 + 1e-9), None, False),
+        (("distortion", "verdict"), lambda old, _: old + "!", None, True),
+        (("projection", "theory"), lambda *_: None, None, True),
+        (("rig", "residual_rms_rad"), lambda old, _: old * 1.001, None, False),
+    ],
+)
+def test_differences_are_told_by_their_uncertainty(newest, place, change, part, matters):
+    then, now = document_of(newest), document_of(newest)
+    table = now
+    for key in place[:-1]:
+        table = table[key]
+    table[place[-1]] = change(table[place[-1]], table.get("u"))
+    (found,) = differences(then, now)
+    assert found.place == ".".join(place)
+    assert found.part_of_u == (None if part is None else pytest.approx(part, rel=1e-6))
+    assert found.matters is matters
+
+
+def test_a_column_more_is_a_difference(newest):
+    then, now = document_of(newest), document_of(newest)
+    now["projection"]["columns"].pop()
+    (found,) = differences(then, now)
+    assert (found.place, found.matters) == ("projection.columns", True)

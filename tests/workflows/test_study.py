@@ -1,0 +1,197 @@
+"""The study: its draws, its statistics, its resumption, and that workers do not matter."""
+
+import math
+import os
+import signal
+from functools import partial
+
+import numpy as np
+import pytest
+
+from fringecal.errors import FringecalError, RecordError
+from fringecal.records.parts import EstimateRecord
+from fringecal.records.study_record import Comparison, RigResult, rig_file
+from fringecal.simulate import load_rig
+from fringecal.uncertainty.coverage import wilson_interval
+from fringecal.workflows.study.coverage_summary import summarise
+from fringecal.workflows.study.drawn_rigs import STEP_ERROR_DEG, draw_rig
+from fringecal.workflows.study.run import StudyPlan, examine_rig, run_study
+from fringecal.workflows.study.workers import cluster, local_pool
+
+
+# Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3.
+@pytest.mark.parametrize(
+    ("hits", "number", "low", "high"),
+    [(81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611), (1, 29, 0.0061, 0.1718)],
+)
+def test_wilson_intervals_are_the_published_ones(hits, number, low, high):
+    assert wilson_interval(hits, number) == pytest.approx((low, high), abs=5.1e-5)
+
+
+@pytest.mark.parametrize(("hits", "number"), [(0, 0), (3, 2), (-1, 5)])
+def test_impossible_counts_are_refused(hits, number):
+    with pytest.raises(ValueError, match="at least one trial"):
+        wilson_interval(hits, number)
+
+
+def drawn_errors(number):
+    drawn = draw_rig(number, seed=5)
+    stated = {c.name: c.target for c in drawn.spec.capture if c.target is not None}
+    sizes = {"grid": "pitch_mm", "strips": "height_mm"}
+    errors = []
+    for name, size in sizes.items():
+        value, u = stated[name][size]["value"], stated[name][size]["u"]
+        errors.append((getattr(drawn.targets[name], size).value - value) / u)
+    return [*errors, *(np.array(drawn.steps["strips"].error_deg) / STEP_ERROR_DEG)[:3]]
+
+
+def test_true_sizes_are_normal_about_the_stated_ones():
+    errors = np.array([drawn_errors(k) for k in range(300)])
+    # 300 draws: the mean's standard deviation is 0.058, the variance's 0.08; four of each.
+    np.testing.assert_allclose(errors.mean(axis=0), 0, atol=0.24)
+    np.testing.assert_allclose(errors.var(axis=0), 1, atol=0.33)
+    # Independent of one another: correlations scatter by 0.058 too.
+    assert np.abs(np.corrcoef(errors.T) - np.eye(5)).max() < 0.26
+
+
+def test_number_and_seed_decide_a_rig():
+    assert draw_rig(3, seed=1) == draw_rig(3, seed=1)
+    assert draw_rig(3, seed=1).spec != draw_rig(4, seed=1).spec
+    assert draw_rig(3, seed=1).spec != draw_rig(3, seed=2).spec
+
+
+def test_of_one_rig_only_errors_are_drawn():
+    thesis = load_rig("thesis")
+    first, second = (draw_rig(k, seed=1, spec=thesis) for k in (0, 1))
+    assert first.spec.camera == second.spec.camera == thesis.camera
+    assert first.targets["strips"].height_mm != second.targets["strips"].height_mm
+    assert first.seed != second.seed
+
+
+def results(rng, number, spread=1.0):
+    """Results with a known answer: errors of `spread` times their u, one rig in ten refused."""
+    for k in range(number):
+        if k % 10 == 9:
+            yield RigResult(number=k, refused="FitError: too dark")
+        else:
+            found = EstimateRecord(value=2.0 + 0.1 * spread * rng.standard_normal(), u=0.1, unit="mm")
+            yield RigResult(number=k, quantities=(Comparison(name="5 mm", true=2.0, found=found),))
+
+
+@pytest.mark.parametrize(("spread", "decision"), [(1.0, "pass"), (0.5, "fail"), (2.0, "fail")])
+def test_a_summary_tells_honest_statements_from_others(spread, decision):
+    summary = summarise(list(results(np.random.default_rng(1), 2000, spread)))
+    (quantity,) = summary.quantities
+    assert summary.rigs == 2000
+    assert len(summary.refused) == 200
+    # P(|z| <= 1.96 / spread) of the normal distribution; 1800 rigs: 0.5 % (spread 1) to 1.1 % (spread 2).
+    assert quantity.coverage == pytest.approx(math.erf(1.96 / spread / math.sqrt(2)), abs=0.03)
+    assert quantity.ratio == pytest.approx(spread, rel=0.07)  # four times 1 / sqrt(2 n)
+    assert abs(quantity.bias) < 4 * quantity.u_bias
+    assert quantity.decision == decision
+    assert "200 refused" in summary.sentence
+
+
+def test_no_spread_without_two_rigs():
+    with pytest.raises(FringecalError, match="too dark"):
+        summarise([RigResult(number=0, refused="FitError: too dark")])
+
+
+def quick(plan, numbers):
+    """Stand in for workers: the answer depends on the rig's number alone."""
+    for number in numbers:
+        quick.computed.append(number)
+        found = EstimateRecord(value=float(number), u=1.0, unit="mm")
+        yield RigResult(number=number, quantities=(Comparison(name="5 mm", true=0.0, found=found),))
+
+
+@pytest.fixture(autouse=True)
+def nothing_computed():
+    quick.computed = []
+
+
+def interrupted(plan, numbers):
+    for result in quick(plan, numbers):
+        if result.number == 3:
+            raise KeyboardInterrupt
+        yield result
+
+
+def test_an_interrupted_study_goes_on_where_it_stood(tmp_path):
+    plan = StudyPlan(seed=1)
+    with pytest.raises(KeyboardInterrupt):
+        run_study(plan, 6, tmp_path, interrupted)
+    whole = run_study(plan, 6, tmp_path, quick)
+    assert quick.computed == [0, 1, 2, 3, 3, 4, 5]
+    assert [result.number for result in whole] == list(range(6))
+    assert run_study(plan, 6, tmp_path, quick) == whole
+    assert len(quick.computed) == 7
+
+
+def test_a_rig_delivered_twice_counts_once(tmp_path):
+    def twice(plan, numbers):
+        yield from quick(plan, numbers)
+        yield from quick(plan, numbers)
+
+    assert [r.number for r in run_study(StudyPlan(), 3, tmp_path, twice)] == [0, 1, 2]
+
+
+def test_another_study_is_not_mixed_in(tmp_path):
+    run_study(StudyPlan(seed=1), 2, tmp_path, quick)
+    with pytest.raises(RecordError, match="seed 1, asked 2"):
+        run_study(StudyPlan(seed=2), 2, tmp_path, quick)
+
+
+def test_a_damaged_or_misplaced_result_is_refused(tmp_path):
+    run_study(StudyPlan(), 2, tmp_path, quick)
+    first, second = (rig_file(tmp_path, k) for k in (0, 1))
+    second.write_text(first.read_text())
+    with pytest.raises(RecordError, match="holds rig 0"):
+        run_study(StudyPlan(), 2, tmp_path, quick)
+    second.write_text(first.read_text()[:40])
+    with pytest.raises(RecordError, match="not a JSON document"):
+        run_study(StudyPlan(), 2, tmp_path, quick)
+
+
+@pytest.fixture
+def dark():
+    """Plan of a rig that is quickly refused: nothing shows in its small pictures."""
+    small = {"width_px": 48, "height_px": 40}
+    return StudyPlan(rig=load_rig("thesis").at(light={"mid_grey": 0.004, "room_grey": 0.004}, camera=small))
+
+
+def test_a_dark_rig_is_refused_with_its_reason(dark):
+    result = examine_rig(dark, 0)
+    assert result.quantities == ()
+    assert "Error: " in result.refused
+
+
+def test_the_number_of_workers_changes_nothing(dark):
+    two = sorted(local_pool(dark, [0, 1], workers=2), key=lambda result: result.number)
+    assert two == [examine_rig(dark, 0), examine_rig(dark, 1)]
+
+
+def test_no_scheduler_is_said_plainly():
+    with pytest.raises(FringecalError, match="no Dask scheduler answers"):
+        list(cluster(StudyPlan(), [0], address="nonsense://nowhere:1"))
+
+
+def test_a_cluster_whose_workers_are_killed_finishes(dark, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    killed = []
+
+    def kill_all(step):
+        if step.startswith("3 of 12") and not killed:
+            killed.extend(client.run(os.getpid).values())
+            for process in killed:
+                os.kill(process, signal.SIGKILL)
+
+    with (
+        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as workers,
+        distributed.Client(workers) as client,
+    ):
+        compute = partial(cluster, address=workers.scheduler_address)
+        found = run_study(dark, 12, tmp_path, compute, progress=kill_all)
+    assert len(killed) == 2
+    assert [result.number for result in found] == list(range(12))
+    assert len(list((tmp_path / "rigs").iterdir())) == 12
