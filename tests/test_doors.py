@@ -2,6 +2,8 @@
 
 import ast
 import graphlib
+import importlib
+import inspect
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,28 +13,52 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "fringecal"
 
-EVERYONE = {"errors", "uncertainty"}
-MEASURING = {"session", "targets", "detect", "phase", "camera", "projection", "reconstruct", "verify"}
+EVERYONE = {"errors", "numerics", "uncertainty"}
+MEASURING = {
+    "session", "targets", "detect", "phase", "camera", "projector", "calibration", "reconstruct", "verification",
+}  # fmt: skip
+TELLING = {"records", "history", "report"}
 ALLOWED = {
-    "uncertainty": {"errors"},
+    "uncertainty": {"errors", "numerics"},
     "targets": EVERYONE,
     "session": EVERYONE | {"targets"},
     "detect": EVERYONE,
     "phase": EVERYONE,
     "camera": EVERYONE | {"detect", "targets"},
-    "projection": EVERYONE | {"detect", "phase", "camera", "targets"},
-    "reconstruct": EVERYONE | {"phase", "camera", "projection"},
-    "verify": EVERYONE | {"targets", "reconstruct"},
-    "records": EVERYONE | {"targets", "camera", "projection", "reconstruct", "verify"},
+    "projector": EVERYONE | {"detect", "phase", "camera", "targets"},
+    "calibration": EVERYONE | {"detect", "phase", "camera", "projector", "targets"},
+    "reconstruct": EVERYONE | {"phase", "camera", "projector"},
+    "verification": EVERYONE | {"targets", "reconstruct"},
+    "records": EVERYONE | {"targets", "camera", "projector", "reconstruct", "verification"},
     "history": EVERYONE | {"records"},
     "report": EVERYONE | MEASURING | {"records", "history"},
     "simulate": {"errors", "targets"},  # shares no estimate with the code that it tests
-    "procedures": EVERYONE | MEASURING | {"records", "history", "report", "simulate"},
-    "cli": EVERYONE | MEASURING | {"records", "history", "report", "simulate", "procedures"},
+    "thesis": EVERYONE | {"phase", "simulate"},
+    "workflows": EVERYONE | MEASURING | TELLING | {"simulate", "thesis"},
+    "serve": EVERYONE | {"session"} | TELLING | {"workflows"},
+    "cli": EVERYONE | MEASURING | TELLING | {"simulate", "thesis", "workflows", "serve"},
+}
+# Of the folders of `workflows`, which may call which: all may use `shared`.
+WORKFLOWS = {
+    "shared": set(),
+    "grid": set(),
+    "lens": set(),
+    "verify": set(),
+    "reconstruct": set(),
+    "procedure": set(),
+    "history": set(),
+    "certificate": set(),
+    "compare": set(),
+    "commission": {"grid", "lens", "verify"},
+    "angle": {"commission"},
+    "study": {"commission"},
+    "audit": {"commission", "lens", "verify"},
+    "rerun": {"audit", "commission", "verify"},
+    "demo": {"commission", "reconstruct", "verify"},
 }
 
-AT_THE_DISK = {"session", "records", "history", "report", "cli"}
-READERS = {"targets.library", "simulate.library"}  # each reads the TOML files of its own room
+AT_THE_DISK = {"session", "records", "history", "report", "serve", "cli"}
+READERS = {"targets.target_files", "simulate.rig.rig_files"}  # each reads the TOML files of its own room
 DISK_CALLS = {
     "open", "mkdir", "makedirs", "rmdir", "unlink", "rename", "touch",
     "read_text", "read_bytes", "write_text", "write_bytes",
@@ -80,6 +106,18 @@ def rooms_entered(name: str) -> set[str]:
     return entered - {name.split(".")[0], "__version__"}
 
 
+def face_of(module: str) -> str:
+    """The face that others meet: of the room, or of the folder of a verb in `workflows`."""
+    parts = module.split(".")
+    return ".".join(parts[: 2 if parts[0] == "workflows" else 1])
+
+
+def past_a_face(name: str) -> set[str]:
+    """Modules of other rooms that a module imports by their own path instead of their room's."""
+    met = {module.removeprefix("fringecal.") for module in imports_of(TREES[name]) if module.startswith("fringecal.")}
+    return {module for module in met if face_of(module) != face_of(name) and module != face_of(module)}
+
+
 def calls_of(tree: ast.AST) -> Iterator[tuple[str, str, ast.Call]]:
     """Owner and name of every call: `np.load(...)` is ("np", "load"), `open(...)` is ("", "open")."""
     for node in ast.walk(tree):
@@ -115,7 +153,8 @@ def disk_touches(tree: ast.AST) -> set[str]:
 def rows_of_house() -> dict[str, str]:
     """Room -> what the table of docs/house.md lets it import."""
     text = (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
-    return dict(re.findall(r"^\| `(\w+)` \|[^|]*\|([^|]*)\|$", text, flags=re.MULTILINE))
+    table = text.partition("| may import")[2].partition("\n\n")[0]
+    return dict(re.findall(r"^\| `(\w+)` \|[^|]*\|([^|]*)\|$", table, flags=re.MULTILINE))
 
 
 def test_every_room_stands_in_the_table_and_the_other_way_round():
@@ -138,7 +177,7 @@ def test_the_table_of_the_house_says_what_is_enforced_here(room):
 
 
 def test_every_module_stands_in_a_room():
-    assert {name.split(".")[0] for name in SOURCES} - {"", "errors", "__main__"} == ROOMS
+    assert {name.split(".")[0] for name in SOURCES} - {"", "errors", "numerics", "__main__"} == ROOMS
 
 
 @pytest.mark.parametrize("room", sorted(ALLOWED))
@@ -147,9 +186,74 @@ def test_imports_go_through_the_doors(room):
     assert {name: rooms for name, rooms in entered.items() if rooms} == {}
 
 
-def test_the_package_itself_and_its_errors_import_no_room():
-    assert rooms_entered("") == set()
+def test_errors_and_numerics_import_no_room():
     assert rooms_entered("errors") == set()
+    assert rooms_entered("numerics") <= {"errors"}
+
+
+def test_rooms_are_entered_by_their_faces():
+    """So that files can move behind them. `python -m fringecal` is the command itself."""
+    past = {name: past_a_face(name) for name in SOURCES if name != "__main__"}
+    assert {name: modules for name, modules in past.items() if modules} == {}
+
+
+@pytest.mark.parametrize("folder", sorted(WORKFLOWS))
+def test_workflows_call_one_another_one_way(folder):
+    mine = f"workflows.{folder}"
+    called = {
+        face_of(module.removeprefix("fringecal.")).removeprefix("workflows.")
+        for name in SOURCES
+        if face_of(name) == mine
+        for module in imports_of(TREES[name])
+        if module.startswith("fringecal.workflows.")
+    }
+    assert called - {folder, "shared"} <= WORKFLOWS[folder]
+
+
+def test_every_workflow_stands_in_the_plan():
+    assert {path.parent.name for path in (PACKAGE / "workflows").glob("*/__init__.py")} == set(WORKFLOWS)
+    graphlib.TopologicalSorter(WORKFLOWS).prepare()  # raises CycleError
+
+
+FACES = sorted(path.parent.relative_to(PACKAGE).as_posix() for path in PACKAGE.rglob("*/__init__.pyi"))
+
+
+@pytest.mark.parametrize("folder", FACES)
+def test_a_face_shows_what_it_names(folder):
+    """Every name leads somewhere, has a docstring of its own if it is a function or class, and is no file's name."""
+    face = importlib.import_module("fringecal." + folder.replace("/", "."))
+    assert face.__doc__
+    inside = {path.stem for path in (PACKAGE / folder).iterdir()}
+    assert inside.isdisjoint(face.__all__), "a submodule would hide the name once it is imported"
+    for name in face.__all__:
+        value = getattr(face, name)
+        if inspect.isfunction(value) or inspect.isclass(value):
+            assert value.__doc__, f"{folder}: {name}"
+
+
+# Files that mean the same wherever they stand: a workflow's stages.
+STAGES = {"__init__", "run", "checks", "record", "report"}
+MOST_MODULES = 15
+
+
+def test_no_file_name_stands_in_two_rooms():
+    """A verb's module in `cli` has the verb's name, as its folder in `workflows` has."""
+    places: dict[str, list[str]] = {}
+    for name, path in SOURCES.items():
+        if path.stem not in STAGES and name.rpartition(".")[0] != "cli":
+            places.setdefault(path.stem, []).append(name)
+    assert {stem: names for stem, names in places.items() if len(names) > 1} == {}
+
+
+def test_a_large_folder_has_its_reason_in_the_house():
+    page = (ROOT / "docs" / "house.md").read_text(encoding="utf-8")
+    counts: dict[str, int] = {}
+    for path in SOURCES.values():
+        if path.stem != "__init__":
+            folder = path.parent.relative_to(PACKAGE).as_posix()
+            counts[folder] = counts.get(folder, 0) + 1
+    large = {folder for folder, count in counts.items() if count > MOST_MODULES}
+    assert {folder for folder in large if f"`{folder}/` holds" not in page} == set()
 
 
 def test_no_two_rooms_import_each_other():

@@ -17,7 +17,7 @@ from fringecal.reconstruct.sections import row_section
 from fringecal.simulate import Leaf, leaf_scene
 from fringecal.verification.forms.folds import folds_of, folds_table
 from fringecal.workflows.reconstruct.relief_section import relief_section
-from fringecal.workflows.shared.surface_items import readable_surface
+from fringecal.workflows.shared.sections.surface_items import readable_surface
 
 SHAPE = (600, 640)
 NOISE_RAD = 0.01  # of the thesis rig: one grey level at a modulation of 80

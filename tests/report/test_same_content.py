@@ -11,7 +11,7 @@ from fringecal.report.html import render_html
 from fringecal.report.pdf import render_pdf
 from fringecal.report.structure import Fact, FigureItem, InputFile, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
-from fringecal.workflows.shared.report_parts import checks_table
+from fringecal.workflows.shared.sections.report_parts import checks_table
 
 from .reading import letters, letters_of_sheets, texts_of_page
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from fringecal.session import check_session
 from fringecal.session.faults import PictureError
 from fringecal.session.parse import parse_text
-from fringecal.session.picture import decode
+from fringecal.session.pictures.picture import decode
 from fringecal.session.toml_text import to_toml
 
 Bench = Any  # the fixture of conftest.py

@@ -15,7 +15,7 @@ import tifffile
 
 from fringecal.errors import SessionError
 from fringecal.session import Capture, check_session, load_session
-from fringecal.session.picture import decode, to_grey
+from fringecal.session.pictures.picture import decode, to_grey
 
 Bench = Any  # the fixture of conftest.py
 DATA = Path(__file__).parents[1] / "data"

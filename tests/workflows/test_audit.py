@@ -26,7 +26,7 @@ from fringecal.workflows.commission.record import calibration_record
 from fringecal.workflows.commission.run import commission
 from fringecal.workflows.shared.appearance import appearance_of
 from fringecal.workflows.shared.capture_phase import phase_of_capture
-from fringecal.workflows.shared.report_parts import severest
+from fringecal.workflows.shared.sections.report_parts import severest
 from fringecal.workflows.shared.stored_calibration import calibration_of
 
 CAPTURES = ("grid", "reference", "strips")

@@ -12,7 +12,7 @@ from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.plate_repeats import plate_repeats
 from fringecal.workflows.commission.record import calibration_record
 from fringecal.workflows.commission.run import Commissioning, commission
-from fringecal.workflows.shared.report_parts import severest
+from fringecal.workflows.shared.sections.report_parts import severest
 from fringecal.workflows.verify.checks import verified_checks
 from fringecal.workflows.verify.session_artefacts import Verified, verify_session
 

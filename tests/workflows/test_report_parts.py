@@ -14,7 +14,7 @@ from fringecal.uncertainty.estimates import Estimate
 from fringecal.workflows.commission.camera_section import local_scale, local_scale_table
 from fringecal.workflows.commission.residual_section import StripResiduals, cell_means, scattered
 from fringecal.workflows.reconstruct.report import section_rows
-from fringecal.workflows.shared.report_parts import budget_table, concise, figures_of, severest, tables_of
+from fringecal.workflows.shared.sections.report_parts import budget_table, concise, figures_of, severest, tables_of
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from fringecal.workflows.commission.residual_section import residual_maps
 from fringecal.workflows.commission.rig_section import rig_section
 from fringecal.workflows.reconstruct.report import measurement_report
 from fringecal.workflows.reconstruct.run import reconstruct
-from fringecal.workflows.shared.report_parts import figures_of, tables_of
+from fringecal.workflows.shared.sections.report_parts import figures_of, tables_of
 from fringecal.workflows.verify.report import verdict_of, verification_report
 
 CREATED = datetime(2026, 11, 22, 10, tzinfo=UTC)

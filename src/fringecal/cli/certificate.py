@@ -6,7 +6,8 @@ from pathlib import Path
 import typer
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import SHEETS_FILE, command_line, demand_folder
+from fringecal.cli.shared.saving import demand_folder
+from fringecal.workflows.shared import SHEETS_FILE, command_line
 
 HELP = """Write a calibration report: XML (Digital Calibration Certificate 3.3.0), and the same as HTML and PDF.
 

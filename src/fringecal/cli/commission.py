@@ -9,16 +9,9 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import (
-    LIMITS_HELP,
-    command_line,
-    demand_folder,
-    given,
-    progress,
-    tell_outcome,
-    write_report,
-)
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome, write_report
 from fringecal.uncertainty import doubt_text, value_text
+from fringecal.workflows.shared import command_line, given
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 

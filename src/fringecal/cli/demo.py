@@ -13,8 +13,9 @@ import typer
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import command_line, demand_folder, progress, write_report
+from fringecal.cli.shared.saving import demand_folder, progress, write_report
 from fringecal.uncertainty import doubt_text, value_text
+from fringecal.workflows.shared import command_line
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
 

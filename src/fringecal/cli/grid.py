@@ -21,7 +21,7 @@ from fringecal.camera import (
 )
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.pictures import read_picture
-from fringecal.cli.shared.saving import REPORT_FILE, command_line, demand_folder, write_report
+from fringecal.cli.shared.saving import demand_folder, write_report
 from fringecal.detect import FAMILIES, Polarity, find_dot_grid, find_grid
 from fringecal.errors import TargetError
 from fringecal.records import result_folder, software_versions, write_table
@@ -36,6 +36,7 @@ from fringecal.workflows.grid import (
     lines_section,
     scale_section,
 )
+from fringecal.workflows.shared import REPORT_FILE, command_line
 
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 

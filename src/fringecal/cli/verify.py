@@ -10,16 +10,9 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import (
-    LIMITS_HELP,
-    command_line,
-    demand_folder,
-    given,
-    progress,
-    tell_outcome,
-    write_report,
-)
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome, write_report
 from fringecal.uncertainty import doubt_text, value_text
+from fringecal.workflows.shared import command_line, given
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 

@@ -1,9 +1,3 @@
-from .capture_files import (
-    natural_key as natural_key,
-)
-from .capture_files import (
-    read_bytes as read_bytes,
-)
 from .captures import (
     Capture as Capture,
 )
@@ -40,10 +34,16 @@ from .faults import (
 from .faults import (
     joined as joined,
 )
-from .picture import (
+from .pictures.capture_files import (
+    natural_key as natural_key,
+)
+from .pictures.capture_files import (
+    read_bytes as read_bytes,
+)
+from .pictures.picture import (
     decode as decode,
 )
-from .picture import (
+from .pictures.picture import (
     to_grey as to_grey,
 )
 from .temporary import (

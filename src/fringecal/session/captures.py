@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from fringecal.errors import SessionError
-from fringecal.session.capture_files import read_bytes
 from fringecal.session.faults import PictureError, hint, joined
-from fringecal.session.picture import decode, to_grey
+from fringecal.session.pictures.capture_files import read_bytes
+from fringecal.session.pictures.picture import decode, to_grey
 from fringecal.targets import Quantity, Target
 
 

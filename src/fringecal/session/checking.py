@@ -5,16 +5,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import SessionError
-from fringecal.session import picture_rules as comparison
 from fringecal.session import statement_rules as consistency
 from fringecal.session.assemble import assemble, use_of
-from fringecal.session.capture_files import FrameFacts
 from fringecal.session.captures import Session
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft, draft_capture
 from fringecal.session.faults import Fault
 from fringecal.session.parse import Parsed, parse_folder
-from fringecal.session.white_level import WhiteLevel, white_level
+from fringecal.session.pictures import picture_rules as comparison
+from fringecal.session.pictures.capture_files import FrameFacts
+from fringecal.session.pictures.white_level import WhiteLevel, white_level
 
 
 @dataclass(frozen=True)

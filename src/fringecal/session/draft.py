@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import TargetError
-from fringecal.session.capture_files import FrameFacts, examine, expand
 from fringecal.session.document import CaptureTable
 from fringecal.session.faults import Fault, PictureError
 from fringecal.session.parse import Parsed
+from fringecal.session.pictures.capture_files import FrameFacts, examine, expand
 from fringecal.targets import Target, load_target
 
 PICTURE_KINDS = frozenset({"grid", "board"})

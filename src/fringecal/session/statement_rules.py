@@ -1,6 +1,6 @@
 """What can be wrong between the statements of a session: each rule is one function.
 
-Rules about the pictures themselves are in `fringecal.session.picture_rules`.
+Rules about the pictures themselves are in `fringecal.session.pictures.picture_rules`.
 """
 
 from collections import Counter, defaultdict

@@ -1,7 +1,7 @@
 """What every verb writes: record, tables, figures and report, all together or not at all."""
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -12,13 +12,12 @@ import typer
 from fringecal.cli.shared.console import console
 from fringecal.errors import RecordError
 from fringecal.uncertainty import doubt_text, value_text
+from fringecal.workflows.shared import REPORT_FILE, SHEETS_FILE
 
 if TYPE_CHECKING:
     from fringecal.records import Check
     from fringecal.report import Report
 
-REPORT_FILE = "report.html"
-SHEETS_FILE = "report.pdf"
 LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
 
 _VERDICTS = {
@@ -119,25 +118,6 @@ def progress(*, quiet: bool):  # type: ignore[no-untyped-def]
             status.update(step)
 
         yield show
-
-
-def command_line(verb: str, arguments: Sequence[object]) -> tuple[str, ...]:
-    """Return the command as typed, for the record: all that its results depend on.
-
-    A history is left out: its URL may hold a password, and nothing in the record comes from it.
-    """
-    return ("fringecal", verb, *(str(a) for a in arguments))
-
-
-def given(options: Mapping[str, object]) -> tuple[str, ...]:
-    """Return options with their values as they are typed; what is empty was not given.
-
-    Examples
-    --------
-    >>> given({"--capture": "bars", "--rows": "", "--limits": None})
-    ('--capture', 'bars')
-    """
-    return tuple(str(word) for name, value in options.items() if value not in (None, "") for word in (name, value))
 
 
 type Show = Callable[[str], None]

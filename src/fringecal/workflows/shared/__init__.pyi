@@ -25,8 +25,17 @@ from .causes import (
 from .causes import (
     with_frames_causes as with_frames_causes,
 )
-from .diagnostics_section import (
-    doctor_section as doctor_section,
+from .command_words import (
+    REPORT_FILE as REPORT_FILE,
+)
+from .command_words import (
+    SHEETS_FILE as SHEETS_FILE,
+)
+from .command_words import (
+    command_line as command_line,
+)
+from .command_words import (
+    given as given,
 )
 from .examination import (
     Examination as Examination,
@@ -70,44 +79,56 @@ from .record_parts import (
 from .record_parts import (
     session_note as session_note,
 )
-from .report_parts import (
-    budget_table as budget_table,
-)
-from .report_parts import (
-    checks_table as checks_table,
-)
-from .report_parts import (
-    concise as concise,
-)
-from .report_parts import (
-    estimates_table as estimates_table,
-)
-from .report_parts import (
-    figures_of as figures_of,
-)
-from .report_parts import (
-    inputs_of_capture as inputs_of_capture,
-)
-from .report_parts import (
-    phase_section as phase_section,
-)
-from .report_parts import (
-    severest as severest,
-)
-from .report_parts import (
-    tables_of as tables_of,
-)
-from .rig_view import (
-    field_mm as field_mm,
-)
-from .rig_view import (
-    rig_figure as rig_figure,
-)
 from .same_rig import (
     demand_same_picture as demand_same_picture,
 )
 from .same_rig import (
     demand_same_rig as demand_same_rig,
+)
+from .sections.diagnostics_section import (
+    doctor_section as doctor_section,
+)
+from .sections.report_parts import (
+    budget_table as budget_table,
+)
+from .sections.report_parts import (
+    checks_table as checks_table,
+)
+from .sections.report_parts import (
+    concise as concise,
+)
+from .sections.report_parts import (
+    estimates_table as estimates_table,
+)
+from .sections.report_parts import (
+    figures_of as figures_of,
+)
+from .sections.report_parts import (
+    inputs_of_capture as inputs_of_capture,
+)
+from .sections.report_parts import (
+    phase_section as phase_section,
+)
+from .sections.report_parts import (
+    severest as severest,
+)
+from .sections.report_parts import (
+    tables_of as tables_of,
+)
+from .sections.rig_view import (
+    field_mm as field_mm,
+)
+from .sections.rig_view import (
+    rig_figure as rig_figure,
+)
+from .sections.surface_items import (
+    height_item as height_item,
+)
+from .sections.surface_items import (
+    readable_surface as readable_surface,
+)
+from .sections.surface_items import (
+    surface_item as surface_item,
 )
 from .stated_projector import (
     displaced as displaced,
@@ -117,15 +138,6 @@ from .stated_projector import (
 )
 from .stored_calibration import (
     calibration_of as calibration_of,
-)
-from .surface_items import (
-    height_item as height_item,
-)
-from .surface_items import (
-    readable_surface as readable_surface,
-)
-from .surface_items import (
-    surface_item as surface_item,
 )
 from .treatment import (
     UNTREATED as UNTREATED,

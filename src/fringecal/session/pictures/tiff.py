@@ -6,8 +6,8 @@ import logging
 import numpy as np
 import tifffile
 
-from fringecal.session.containers import Container, check_size
 from fringecal.session.faults import PictureError
+from fringecal.session.pictures.containers import Container, check_size
 
 _MAX_SAMPLE_VALUE, _WHITE_LEVEL, _ORIENTATION = 281, 50717, 274
 _MIN_IS_WHITE, _MIN_IS_BLACK, _RGB = 0, 1, 2

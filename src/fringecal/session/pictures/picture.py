@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fringecal.session.containers import PNG_SIGNATURE, Container, inspect_bmp, inspect_jpeg, inspect_png
 from fringecal.session.faults import PictureError
-from fringecal.session.tiff import read_tiff
+from fringecal.session.pictures.containers import PNG_SIGNATURE, Container, inspect_bmp, inspect_jpeg, inspect_png
+from fringecal.session.pictures.tiff import read_tiff
 
 # ITU-R BT.601, the luma that cameras and JPEG mean by it.
 _LUMA = np.array([0.299, 0.587, 0.114])

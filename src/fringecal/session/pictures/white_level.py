@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fringecal.session.capture_files import FrameFacts
 from fringecal.session.faults import Fault
+from fringecal.session.pictures.capture_files import FrameFacts
 
 # Machine-vision cameras deliver 10, 12 or 14 bits; shifted to the left in 16 they leave these bits idle.
 _IDLE_BITS = (6, 4, 2)

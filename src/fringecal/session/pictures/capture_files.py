@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fringecal.session.containers import Container
 from fringecal.session.document import is_inside
 from fringecal.session.faults import Fault, PictureError, nearest
-from fringecal.session.picture import decode
+from fringecal.session.pictures.containers import Container
+from fringecal.session.pictures.picture import decode
 
 _GLOB_CHARACTERS = re.compile(r"[*?\[]")
 
