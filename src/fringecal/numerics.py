@@ -1,4 +1,4 @@
-"""Small computations that many rooms need: phase wrapped, a spread that outliers do not move."""
+"""Small computations that many rooms need: wrapped phase, robust standard deviations, polynomial terms."""
 
 import math
 
@@ -8,6 +8,10 @@ from numpy.typing import ArrayLike, NDArray
 MAD_TO_SD = 1.4826
 """Standard deviation over median absolute deviation of a normal distribution: 1 / 0.67449, its upper quartile
 (P. J. Rousseeuw and C. Croux, J. Am. Stat. Assoc. 88 (1993) 1273)."""
+
+MEDIAN_TO_MEAN = math.sqrt(math.pi / 2)
+"""Standard deviation of a median over that of a mean, for many values from a normal distribution
+(M. G. Kendall and A. Stuart, The Advanced Theory of Statistics 1, 10.10: the variance of a median is pi / 2n)."""
 
 TURN = 2 * math.pi
 """One fringe, rad."""
@@ -28,3 +32,111 @@ def wrap(phase_rad: ArrayLike) -> NDArray[np.float64]:
     """
     phase = np.asarray(phase_rad, np.float64)
     return np.asarray(phase - TURN * np.round(phase / TURN))
+
+
+def robust_sd(values: ArrayLike, *, about: float | None = None) -> float:
+    """Return the standard deviation as the median absolute deviation tells it, which outliers do not move.
+
+    `s = 1.4826 median |x - c|`, with `c` the median of the values. For a normal distribution it estimates the standard
+    deviation; up to half of the values may be wrong before it follows them.
+
+    Parameters
+    ----------
+    values
+        Any shape and unit; what is not finite is left out.
+    about
+        The centre `c`, if it is known: 0 for residuals of a fit.
+
+    Returns
+    -------
+        In the unit of the values; 0 if there are none.
+
+    References
+    ----------
+    P. J. Rousseeuw, C. Croux, Alternatives to the median absolute deviation, J. Am. Stat. Assoc. 88 (1993) 1273.
+
+    Examples
+    --------
+    >>> round(robust_sd([-1.0, 0.0, 1.0, 2.0, 1000.0]), 4)
+    1.4826
+    >>> round(robust_sd([3.0, -4.0, 5.0], about=0), 4)
+    5.9304
+    """
+    known = np.asarray(values)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return 0.0
+    centre = np.median(known) if about is None else about
+    return MAD_TO_SD * float(np.median(np.abs(known - centre)))
+
+
+def median_and_u(values: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the median of every column and its standard uncertainty, both robust against outliers.
+
+    `u = sqrt(pi / 2) s / sqrt(n)` with the robust standard deviation `s` of the column's n values.
+
+    Parameters
+    ----------
+    values
+        Shape (n, columns), all finite.
+
+    Examples
+    --------
+    >>> median, u = median_and_u(np.array([[1.0], [2.0], [3.0], [90.0]]))
+    >>> median.tolist(), u.round(4).tolist()
+    ([2.5], [0.9291])
+    """
+    centre = np.median(values, axis=0)
+    spread = MAD_TO_SD * np.median(np.abs(values - centre), axis=0)
+    return centre, MEDIAN_TO_MEAN * spread / math.sqrt(len(values))
+
+
+def powers_up_to(degree: int) -> list[tuple[int, int]]:
+    """Return the pairs of powers of a polynomial of two variables, by total degree.
+
+    Within a degree the first variable's power rises.
+
+    Examples
+    --------
+    >>> powers_up_to(2)
+    [(0, 0), (0, 1), (1, 0), (0, 2), (1, 1), (2, 0)]
+    """
+    return [(i, n - i) for n in range(degree + 1) for i in range(n + 1)]
+
+
+def products_up_to(along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
+    """Return the terms of a polynomial of two variables up to a total degree, in the order of `powers_up_to`.
+
+    Parameters
+    ----------
+    along, across
+        Terms of one variable each, of degrees 0, 1, .. along the last axis, as `numpy.polynomial` builds them
+        (`legvander`, `chebvander`, `polyvander`): shape (..., degree + 1).
+
+    Returns
+    -------
+        Shape (..., (degree + 1)(degree + 2) / 2).
+
+    Examples
+    --------
+    >>> from numpy.polynomial import polynomial
+    >>> products_up_to(polynomial.polyvander([2.0], 2), polynomial.polyvander([3.0], 2)).tolist()
+    [[1.0, 3.0, 2.0, 9.0, 6.0, 4.0]]
+    """
+    first, second = np.asarray(along), np.asarray(across)
+    pairs = powers_up_to(first.shape[-1] - 1)
+    return np.stack([first[..., i] * second[..., j] for i, j in pairs], axis=-1)
+
+
+def by_powers(coefficients: ArrayLike, degree: int) -> NDArray[np.float64]:
+    """Return coefficients of `products_up_to` as a square by the powers of both variables, 0 where there is no term.
+
+    Examples
+    --------
+    >>> by_powers([1, 2, 3], 1).tolist()
+    [[1.0, 2.0], [3.0, 0.0]]
+    """
+    grid = np.zeros((degree + 1, degree + 1))
+    for value, powers in zip(np.ravel(coefficients), powers_up_to(degree), strict=False):
+        grid[powers] = value
+    return grid
