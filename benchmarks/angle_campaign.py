@@ -26,9 +26,9 @@ from fringecal.simulate.scene.capture_scenes import stated_target
 from fringecal.targets import Target
 from fringecal.uncertainty.coverage import wilson_interval
 from fringecal.workflows.angle.run import ESTIMATORS, picture_angles
+from fringecal.workflows.commission import calibrate_session
 from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
 from fringecal.workflows.commission.camera import CameraFindings, measure_camera
-from fringecal.workflows.commission.run import commission
 
 SIZE_PX = (560, 420)
 GRID_PX = (18.0, 32.0)
@@ -171,8 +171,8 @@ def findings(session: Session) -> Iterator[tuple[str, AngleFindings | FringecalE
     """Yield what each estimator finds, or why it refuses; the camera is measured once, it is half of a rig's time."""
     camera: CameraFindings | None = None
     try:
-        commissioned = commission(session)
-        camera = commissioned.camera
+        commissioned = calibrate_session(session)
+        camera = commissioned.result.camera
         yield "phase", angles_of(commissioned)
     except FringecalError as error:
         yield "phase", error

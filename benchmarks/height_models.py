@@ -17,7 +17,7 @@ from fringecal.projector.pixelwise import LAWS, fit_pixelwise
 from fringecal.reconstruct.object_phase import absolute_phase
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import RigSpec, load_rig, simulate_session
-from fringecal.workflows.commission.run import Commissioning, commission
+from fringecal.workflows.commission import CalibratedSession, calibrate_session
 from fringecal.workflows.shared.capture_phase import phase_of_capture
 
 FLATS_MM = (6.0, 12.0, 18.0, 24.0, 30.0)
@@ -40,15 +40,15 @@ def session_of(rig: RigSpec, folder: Path) -> tuple[Session, np.ndarray]:
     return load_session(folder), taken.captures["bars"].z
 
 
-def flat_steps(session: Session, found: Commissioning) -> np.ndarray:
+def flat_steps(session: Session, found: CalibratedSession) -> np.ndarray:
     """Unwrapped phase of every flat over the plate's, its order taken from the rig: the flats' best case."""
-    rays = found.calibration.camera.pixel_rays()
+    rays = found.result.rig.camera.pixel_rays()
     steps = []
     for height in FLATS_MM:
         phase = phase_of_capture(session.named(f"flat{height:g}")).map
-        expected = found.calibration.model.phase(*rays.at(height), height)
+        expected = found.result.rig.model.phase(*rays.at(height), height)
         lack = np.angle(np.exp(1j * (phase.phase - expected)))
-        steps.append(np.where(phase.valid, expected + lack - found.plate_phase_rad, np.nan))
+        steps.append(np.where(phase.valid, expected + lack - found.result.plate.unwrapped_rad, np.nan))
     return np.stack(steps)
 
 
@@ -62,16 +62,16 @@ def main() -> None:
 
 def compare(name: str, session: Session, truth: np.ndarray) -> None:
     start = time.process_time()
-    found = commission(session)
+    found = calibrate_session(session)
     commissioned = time.process_time() - start
-    rays = found.calibration.camera.pixel_rays()
-    bars = absolute_phase(phase_of_capture(session.named("bars")).map, found.calibration)
-    phase_rad = bars.step_rad + found.calibration.model.phase(rays.ax, rays.ay, 0.0)
+    rays = found.result.rig.camera.pixel_rays()
+    bars = absolute_phase(phase_of_capture(session.named("bars")).map, found.result.rig)
+    phase_rad = bars.step_rad + found.result.rig.model.phase(rays.ax, rays.ay, 0.0)
     inside = (truth > 1.0) & (truth < 27.0) & np.isfinite(phase_rad)
     # A pixel that straddles a ridge, a valley or an end sees two surfaces.
     inside &= np.hypot(*np.gradient(truth)) < 1.5
     shifted = len(session.named("bars").steps_rad)
-    rows = {m: (height_model(found.calibration, m).height, 1 + 2 * shifted, commissioned)
+    rows = {m: (height_model(found.result.rig, m).height, 1 + 2 * shifted, commissioned)
             for m in ("constant-angle", "column-angle", "projective")}  # fmt: skip
     start = time.process_time()
     flats = flat_steps(session, found)
@@ -97,7 +97,7 @@ def compare(name: str, session: Session, truth: np.ndarray) -> None:
 
 
 def _of(height, found):  # type: ignore[no-untyped-def]
-    return lambda phase, _: height(phase - found.plate_phase_rad)
+    return lambda phase, _: height(phase - found.result.plate.unwrapped_rad)
 
 
 if __name__ == "__main__":

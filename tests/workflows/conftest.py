@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import pytest
 
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session, truth_of
-from fringecal.workflows.commission.run import Commissioning, commission
+from fringecal.workflows.commission import CalibratedSession, Commissioning, calibrate_session, judged_session
 from fringecal.workflows.verify.run import Verification, verify
 
 SEED = 2008
@@ -46,25 +47,30 @@ class Judged:
     """A rig as commissioned and verified, and what is true of it."""
 
     session: Session
-    found: Commissioning
+    found: CalibratedSession
     bars: Verification
     truth: dict[str, Any]
     maps: dict[str, np.ndarray]
 
+    @cached_property
+    def commissioned(self) -> Commissioning:
+        """The calibrated session with all that judges it."""
+        return judged_session(self.found)
+
     @property
     def scale_error(self) -> float:
         """Relative error of the mean scale."""
-        return self.found.camera.scales["mean"].value / ((self.truth["scale_h"] + self.truth["scale_v"]) / 2) - 1
+        return self.found.result.camera.scales["mean"].value / ((self.truth["scale_h"] + self.truth["scale_v"]) / 2) - 1
 
     @property
     def angle_error_deg(self) -> float:
-        return self.found.angle.value - self.truth["angle_origin_deg"]
+        return self.found.result.origin.angle.value - self.truth["angle_origin_deg"]
 
 
 def judged(folder: Path, truth: dict[str, Any], maps: dict[str, np.ndarray]) -> Judged:
     session = load_session(folder)
-    found = commission(session)
-    bars = verify(session, "bars", found.calibration, with_filters=False)
+    found = calibrate_session(session)
+    bars = verify(session, "bars", found.result.rig, with_filters=False)
     return Judged(session, found, bars, truth, maps)
 
 

@@ -20,7 +20,8 @@ BARS = {"phase": (0.05, 0.02), "ridge": (0.3, 0.1), "skeleton": (1.5, 0.4)}
 @pytest.fixture(scope="module")
 def estimated(oblique):
     pictures = {
-        name: picture_angles(oblique.session, oblique.found.camera, estimator=name) for name in ("ridge", "skeleton")
+        name: picture_angles(oblique.session, oblique.found.result.camera, estimator=name)
+        for name in ("ridge", "skeleton")
     }
     return {"phase": angles_of(oblique.found)} | pictures
 
@@ -127,13 +128,13 @@ def test_pictures_without_fringes_are_named(oblique, spoil, message):
     picture = oblique.session.one("strips").read()[0]
     session = one_picture(oblique, spoil(picture))
     with pytest.raises((PhaseError, DetectionError), match=message):
-        picture_angles(session, oblique.found.camera, estimator="ridge")
+        picture_angles(session, oblique.found.result.camera, estimator="ridge")
 
 
 def test_a_bare_plate_has_no_strips(oblique):
     session = one_picture(oblique, oblique.session.one("reference").read()[0])
     with pytest.raises(DetectionError, match="strips"):
-        picture_angles(session, oblique.found.camera, estimator="ridge")
+        picture_angles(session, oblique.found.result.camera, estimator="ridge")
 
 
 def test_a_wrong_strip_height_is_seen_against_theory(oblique):
@@ -141,7 +142,7 @@ def test_a_wrong_strip_height_is_seen_against_theory(oblique):
     height = capture.target.height_mm.model_copy(update={"value": 3.2})
     wrong = replace(capture, target=capture.target.model_copy(update={"height_mm": height}))
     session = replace(oblique.session, captures=dict(oblique.session.captures) | {capture.name: wrong})
-    found = picture_angles(session, oblique.found.camera, estimator="ridge")
+    found = picture_angles(session, oblique.found.result.camera, estimator="ridge")
     assert not found.displacement.agrees
     assert "strips' height" in found.displacement.sentence()
     assert all(abs(c.en) > 1 for c in found.columns)

@@ -19,7 +19,7 @@ HEIGHTS_MM = (5.0, 10.0, 20.0, 30.0, 50.0)
 
 @pytest.fixture(scope="module")
 def block(thesis):
-    return verify_artefact(thesis.session.named("block"), thesis.found.calibration)
+    return verify_artefact(thesis.session.named("block"), thesis.found.result.rig)
 
 
 def test_every_step_is_found_at_its_own_fringe(block) -> None:
@@ -50,4 +50,4 @@ def test_record_and_report_hold_the_numbers(block, thesis, tmp_path) -> None:
 def test_another_artefact_is_refused(thesis) -> None:
     capture = dataclasses.replace(thesis.session.named("reference"), target=load_target("step-block"))
     with pytest.raises(FitError, match="0 of 5 steps"):
-        verify_artefact(capture, thesis.found.calibration)
+        verify_artefact(capture, thesis.found.result.rig)

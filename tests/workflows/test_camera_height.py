@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fringecal.calibration import demand_possible_height
 from fringecal.errors import FitError
 from fringecal.projector.angle.angle_theory import projector_estimates
 from fringecal.workflows.angle.run import picture_angles
-from fringecal.workflows.commission.camera import demand_possible_height, measure_camera
+from fringecal.workflows.commission import measure_camera
 
 
 def test_110_for_1100_mm_is_asked_about():

@@ -53,7 +53,7 @@ def test_the_noise_of_repeats_is_the_one_predicted(found):
     assert repeats is not None
     assert repeats.sets == REPEATS
     # Three steps: u(phi) = sqrt(2/3) sigma / B, with the noise and rounding (1/12) that the simulator draws.
-    light = found.reference.map
+    light = found.calibrated.reference.map
     expected = np.sqrt(2 / 3 * (READ_LEVELS**2 + 1 / 12) * np.mean(light.modulation[light.valid] ** -2.0))
     assert repeats.noise_rad == pytest.approx(expected, rel=0.02)
     assert repeats.ratio.value == pytest.approx(1.0, abs=0.03)
@@ -69,13 +69,17 @@ def test_noise_beyond_its_prediction_is_no_pass(found):
 
 def test_a_bump_that_no_model_holds_is_the_plates_form(found):
     """Half a period of a ripple per block pair, far too fine for the smooth residual: rms is amplitude over root 2."""
-    shape = found.plate_phase_rad.shape
+    reference, result = found.calibrated.reference, found.calibrated.result
+    plate = result.plate.unwrapped_rad
+    shape = plate.shape
     ripple = 0.02 * np.sin(2 * np.pi * np.arange(shape[1]) / 96)[None, :]
-    bent = plate_repeats(found.reference, found.plate_phase_rad + ripple, found.calibration)
+    bent = plate_repeats(
+        found.calibrated.reference, found.calibrated.result.plate.unwrapped_rad + ripple, found.calibrated.result.rig
+    )
     flat = found.repeats
     scale = bent.form_mm.value / 1.0
     per_rad = scale / np.sqrt(np.mean(np.sinc(16 / 96) ** 2 * ripple**2))  # a block of 16 px averages the ripple
-    slope = abs(float(found.calibration.model.gradient(0.0, 0.0)[2]))
+    slope = abs(float(found.calibrated.result.rig.model.gradient(0.0, 0.0)[2]))
     assert per_rad * slope == pytest.approx(1.0, rel=0.03)
     assert flat.form_mm.value < 0.15 * bent.form_mm.value
     tight = Limits.model_validate({"format": 1, "commission": {"plate_form_mm": 1e-6}})
@@ -83,9 +87,9 @@ def test_a_bump_that_no_model_holds_is_the_plates_form(found):
 
 
 def test_a_plate_taken_once_has_no_such_checks(found):
-    reference = found.reference
+    reference = found.calibrated.reference
     once = replace(reference, capture=replace(reference.capture, repeat=1))
-    assert plate_repeats(once, found.plate_phase_rad, found.calibration) is None
+    assert plate_repeats(once, found.calibrated.result.plate.unwrapped_rad, found.calibrated.result.rig) is None
 
 
 def test_bars_in_the_session_verify_the_rig(found):
@@ -100,10 +104,10 @@ def test_bars_in_the_session_verify_the_rig(found):
 
 def test_an_artefact_that_cannot_be_measured_fails_and_stops_nothing(found):
     """The plate's pictures in place of the bars': heights of nought, no zig-zag."""
-    captures = dict(found.session.captures)
+    captures = dict(found.calibrated.session.captures)
     plate = captures["reference"]
     captures["bars"] = replace(captures["bars"], paths=plate.paths, sha256=plate.sha256, repeat=plate.repeat)
-    verified = verify_session(replace(found.session, captures=captures), found.calibration)
+    verified = verify_session(replace(found.calibrated.session, captures=captures), found.calibrated.result.rig)
     assert not verified.bars
     ((name, reason),) = verified.failures
     assert name == "bars"
@@ -115,13 +119,13 @@ def test_an_artefact_that_cannot_be_measured_fails_and_stops_nothing(found):
 
 
 def test_swapped_frames_of_an_artefact_are_named(found):
-    captures = dict(found.session.captures)
+    captures = dict(found.calibrated.session.captures)
     bars = captures["bars"]
     swap = [1, 0, 2]
     captures["bars"] = replace(
         bars, paths=tuple(bars.paths[i] for i in swap), sha256=tuple(bars.sha256[i] for i in swap)
     )
-    verified = verify_session(replace(found.session, captures=captures), found.calibration)
+    verified = verify_session(replace(found.calibrated.session, captures=captures), found.calibrated.result.rig)
     ((_, reason),) = verified.failures
     assert "swapped frames" in reason
     assert "check the order of the files" in reason
@@ -135,5 +139,5 @@ def test_frames_that_are_well_pass(found):
 
 def test_rms_checks_state_their_uncertainty(found):
     check = check_named(commissioning_checks(found), "grid residual")
-    assert check.u == pytest.approx(check.value / np.sqrt(2 * found.camera.fit.dof))
+    assert check.u == pytest.approx(check.value / np.sqrt(2 * found.calibrated.result.camera.fit.dof))
     assert check.expanded == pytest.approx(1.96 * check.u, rel=1e-3)

@@ -39,13 +39,14 @@ def found(small_rig, tmp_path_factory):
 
 
 def test_the_block_takes_part_and_brings_the_angle_down_to_the_scale(found, small_rig):
-    assert [h.value for h in found.further[0].seen.observations.height_mm] == [5, 10, 20, 30, 50]
-    assert abs(found.angle.value - truth_of(small_rig).angle_origin_deg) < found.angle.expanded().U
+    result = found.calibrated.result
+    assert [h.value for h in result.standards[0].seen.observations.height_mm] == [5, 10, 20, 30, 50]
+    assert abs(result.origin.angle.value - truth_of(small_rig).angle_origin_deg) < result.origin.angle.expanded().U
     # By hand: the strips' 0.005 of 3 mm is 0.047 deg; with 0.005 of 50 mm it is the grid's pitch that is left, 0.016.
     # The doubt about the lens's axis, which no artefact takes away, stands in rows of its own.
-    rest = [u for label, u in found.angle_budget.items() if not label.startswith("principal point")]
+    rest = [u for label, u in result.origin.budget.items() if not label.startswith("principal point")]
     assert math.hypot(*rest) < 0.025
-    assert found.contradictions == ()
+    assert result.contradictions == ()
     checks = {check.name: check for check in commissioning_checks(found)}
     assert checks["stated heights against one another"].decision == "pass"
     assert any("5, 10, 20, 30, 50 mm took part" in note for note in found.notes)
@@ -55,4 +56,4 @@ def test_what_took_part_judges_no_more(found, small_rig, tmp_path):
     taken = simulate_session(small_rig.at(capture=[BARS]), seed=5)
     write_session(tmp_path / "session", taken.document, taken.frames)
     with pytest.raises(SessionError, match="verify on an artefact that took no part"):
-        verify(load_session(tmp_path / "session"), "bars", found.calibration)
+        verify(load_session(tmp_path / "session"), "bars", found.calibrated.result.rig)

@@ -7,6 +7,7 @@ import jsonschema
 import numpy as np
 import pytest
 
+from fringecal.calibration.board_lens import KnownLens, lens_from_pictures
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.lens.lens_uncertainty import projection_difference_px
 from fringecal.errors import DetectionError, FitError, TargetError
@@ -15,7 +16,6 @@ from fringecal.records.schemas import published_schema
 from fringecal.targets import load_target
 from fringecal.workflows.lens.record import lens_record
 from fringecal.workflows.lens.report import lens_report, lens_section
-from fringecal.workflows.lens.run import KnownLens, lens_from_pictures
 
 DATA = Path(__file__).parents[1] / "data" / "opencv_chess_left"
 BOARD = load_target("chessboard-9x6-25mm")

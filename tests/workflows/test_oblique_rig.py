@@ -14,9 +14,9 @@ def test_scale_and_angle(oblique):
 
 
 def test_their_uncertainties_cover_the_errors(oblique):
-    scale = oblique.found.camera.scales["mean"]
+    scale = oblique.found.result.camera.scales["mean"]
     assert abs(oblique.scale_error) * scale.value < scale.expanded().U
-    assert abs(oblique.angle_error_deg) < oblique.found.angle.expanded().U
+    assert abs(oblique.angle_error_deg) < oblique.found.result.origin.angle.expanded().U
 
 
 def test_wrong_steps_are_noticed_and_replaced(oblique):
@@ -25,7 +25,7 @@ def test_wrong_steps_are_noticed_and_replaced(oblique):
 
 
 def test_the_lens_is_said_to_bend_as_it_does(oblique):
-    verdict = oblique.found.camera.distortion
+    verdict = oblique.found.result.camera.distortion
     assert verdict.verdict == "barrel"
     # Truth holds for the printed grid's corner, 0.497 px; how far out crossings are found is up to the detector, and
     # one pitch of 20 px less along the diagonal is a sixth less of a displacement that goes with the cube.
@@ -34,7 +34,7 @@ def test_the_lens_is_said_to_bend_as_it_does(oblique):
 
 def test_camera_rays_meet_the_plate_where_they_should(oblique):
     """Truth states the plate point under every pixel: in the plate frame, so up to its origin and turn."""
-    rays = oblique.found.calibration.camera.pixel_rays()
+    rays = oblique.found.result.rig.camera.pixel_rays()
     inside = (slice(40, -40, 20), slice(40, -40, 20))
     shape = oblique.maps["x"].shape
     found = np.stack([np.reshape(rays.ax, shape)[inside], np.reshape(rays.ay, shape)[inside]], axis=-1)
@@ -45,7 +45,7 @@ def test_camera_rays_meet_the_plate_where_they_should(oblique):
 
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_the_angle_over_the_field(oblique, axis):
-    model = oblique.found.calibration.model
+    model = oblique.found.result.rig.model
     for at, true in oblique.truth[f"angle_{axis}"].items():
         x, y = (float(at), 0.0) if axis == "x" else (0.0, float(at))
         # u of the angle is 0.03 deg, from the strips' height, the same everywhere.

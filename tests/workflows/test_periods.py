@@ -13,7 +13,7 @@ from fringecal.errors import PhaseError
 from fringecal.records.phase_record import OrdersRecord
 from fringecal.session import load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
-from fringecal.workflows.commission.run import Commissioning, commission
+from fringecal.workflows.commission import CalibratedSession, calibrate_session
 from fringecal.workflows.reconstruct.run import reconstruct
 from fringecal.workflows.shared.phase_notes import orders_of, orders_record
 
@@ -70,8 +70,8 @@ def folder(taken, tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def found(folder) -> Commissioning:
-    return commission(load_session(folder))
+def found(folder) -> CalibratedSession:
+    return calibrate_session(load_session(folder))
 
 
 def errors(surface, truth):
@@ -80,9 +80,9 @@ def errors(surface, truth):
 
 
 def test_an_isolated_tall_box_is_right_everywhere(found, folder, taken):
-    written = OrdersRecord.model_validate_json(orders_record(found.calibration.orders).model_dump_json())
+    written = OrdersRecord.model_validate_json(orders_record(found.result.rig.orders).model_dump_json())
     assert written.cycle == RATIO
-    rig = replace(found.calibration, orders=orders_of(written))
+    rig = replace(found.result.rig, orders=orders_of(written))
     measured = reconstruct(load_session(folder), "box-35", rig)
     truth = taken[2]["box-35"]
     error, lit = errors(measured.surface, truth)
@@ -99,7 +99,7 @@ def test_one_period_alone_leaves_the_box_undecided(found, folder, taken):
     session = load_session(folder)
     one = session.captures["box-35"]
     session.captures["box-35"] = replace(one, paths=one.paths[3:], sha256=one.sha256[3:], periods=())
-    measured = reconstruct(session, "box-35", found.calibration)
+    measured = reconstruct(session, "box-35", found.result.rig)
     error, lit = errors(measured.surface, taken[2]["box-35"])
     assert np.isnan(error[lit & (taken[2]["box-35"].z > 34.9)]).mean() > 0.9
 
@@ -109,7 +109,7 @@ def test_swapped_periods_are_refused(found, folder):
     one = session.captures["box-35"]
     session.captures["box-35"] = replace(one, periods=one.periods[::-1])
     with pytest.raises(PhaseError, match="box-35.*do not fit the stated periods"):
-        reconstruct(session, "box-35", found.calibration)
+        reconstruct(session, "box-35", found.result.rig)
 
 
 def test_a_gray_code_beside_one_period_does_as_well(found, folder, taken):
@@ -127,7 +127,7 @@ def test_a_gray_code_beside_one_period_does_as_well(found, folder, taken):
     short = {"paths": one.paths[3:], "sha256": one.sha256[3:], "periods": ()}
     session.captures["box-35"] = replace(one, **short, gray_paths=tuple(names), gray_sha256=hashes)
     # Commissioned with other periods: the plate in the picture says how the rig counts.
-    measured = reconstruct(session, "box-35", found.calibration)
+    measured = reconstruct(session, "box-35", found.result.rig)
     error, lit = errors(measured.surface, truth)
     assert np.isfinite(error[lit]).mean() > 0.99
     # Pixels that see an edge mix two phases, which a code, unlike a second period, does not notice; the box's outline

@@ -13,6 +13,7 @@ from PIL import Image
 from fringecal.reconstruct.phase_to_height import Reason
 from fringecal.report.html import render_html
 from fringecal.verification.zigzag.filters import FilterResult
+from fringecal.workflows.commission import judged_session
 from fringecal.workflows.commission.angle_findings import angles_of
 from fringecal.workflows.commission.angle_tables import angle_section, heights_table
 from fringecal.workflows.commission.report import commission_report
@@ -29,7 +30,7 @@ MOST_MEGABYTES = 10  # what every mailbox takes
 
 @pytest.fixture(scope="module")
 def commissioned(oblique):
-    return commission_report(oblique.found, command="fringecal commission rig --out out", created=CREATED)
+    return commission_report(oblique.commissioned, command="fringecal commission rig --out out", created=CREATED)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +42,7 @@ def verified(oblique):
 
 @pytest.fixture(scope="module")
 def measured(oblique):
-    return measurement_report(reconstruct(oblique.session, "bars", oblique.found.calibration), created=CREATED)
+    return measurement_report(reconstruct(oblique.session, "bars", oblique.found.result.rig), created=CREATED)
 
 
 @pytest.mark.parametrize("name", ["commissioned", "verified", "measured"])
@@ -100,13 +101,13 @@ def test_budgets_add_up_to_the_uncertainties_they_explain(commissioned, oblique)
     tables = tables_of(commissioned)
     angle = tables["budget-of-the-projection-angle.csv"]["contribution / deg"]
     scale = tables["budget-of-the-mean-scale.csv"]["contribution / (mm/px)"]
-    assert math.sqrt((angle**2).sum()) == pytest.approx(oblique.found.angle.u)
+    assert math.sqrt((angle**2).sum()) == pytest.approx(oblique.found.result.origin.angle.u)
     # 1 %: effects on the scale are finite differences.
-    assert math.sqrt((scale**2).sum()) == pytest.approx(oblique.found.camera.scales["mean"].u, rel=0.01)
+    assert math.sqrt((scale**2).sum()) == pytest.approx(oblique.found.result.camera.scales["mean"].u, rel=0.01)
 
 
 def test_a_height_is_less_well_known_the_higher_it_is(oblique):
-    frame = heights_table(oblique.found.calibration, 0.01).frame
+    frame = heights_table(oblique.found.result.rig, 0.01).frame
     assert list(frame["height / mm"].unique()) == [5, 20, 50]
     parts = frame.drop(columns=["height / mm", "place", "combined"])
     assert np.allclose(frame["combined"], np.sqrt((parts**2).sum(axis=1)))
@@ -121,12 +122,10 @@ def test_strips_of_one_height_leave_no_residual_of_their_own(commissioned):
 
 
 def test_without_a_stated_projector_there_is_no_theory(oblique):
-    found = replace(
-        oblique.found,
-        session=replace(oblique.session, projector=None),
-        theory=None,
-    )
-    report = commission_report(found)
+    result = oblique.found.result
+    unstated = replace(result, stated_projector=None, origin=replace(result.origin, theory=None))
+    session = replace(oblique.session, projector=None)
+    report = commission_report(judged_session(replace(oblique.found, session=session, result=unstated)))
     tables = tables_of(report)
     assert "Angle in theory" not in {f.name for f in report.facts}
     assert "En" not in tables["projection-angle-by-column.csv"]
@@ -135,10 +134,10 @@ def test_without_a_stated_projector_there_is_no_theory(oblique):
 
 
 def test_parallel_light_has_no_position(oblique):
-    calibration = oblique.found.calibration
+    calibration = oblique.found.result.rig
     model = replace(calibration.model, projector_mm=np.full(3, np.inf))
-    found = replace(oblique.found, calibration=replace(calibration, model=model))
-    rig = rig_section(found, residual_maps(found))
+    result = replace(oblique.found.result, rig=replace(calibration, model=model))
+    rig = rig_section(replace(oblique.found, result=result), residual_maps(result))
     assert "Position of the projector" not in {table.caption for table in rig.tables}
     assert any("no position" in sentence for sentence in rig.sentences)
     assert "The rig to scale" not in {item.caption for item in rig.figures}

@@ -31,9 +31,9 @@ def test_scale_and_angle_are_the_true_ones(rig):
 
 
 def test_their_stated_uncertainties_cover_the_errors(rig):
-    scale = rig.found.camera.scales["mean"]
+    scale = rig.found.result.camera.scales["mean"]
     assert abs(rig.scale_error) * scale.value < scale.expanded().U
-    assert abs(rig.angle_error_deg) < rig.found.angle.expanded().U
+    assert abs(rig.angle_error_deg) < rig.found.result.origin.angle.expanded().U
 
 
 def test_zigzag_errors_keep_the_bars_on_every_profile(rig):
@@ -81,23 +81,23 @@ def test_the_fringe_order_beyond_pi_is_decided(thesis, thesis_7):
     assert abs(step_7) == pytest.approx(true_7, abs=0.1)
     assert true_7 > math.pi > true_8
     assert np.sign(step_7) == np.sign(step_8)
-    assert abs(thesis_7.found.angle.value - thesis.found.angle.value) < 0.05
+    assert abs(thesis_7.found.result.origin.angle.value - thesis.found.result.origin.angle.value) < 0.05
 
 
 def _median_step(judged):
     """Phase step of the strips as it went into the fit, order decided."""
     seen = judged.found.observations
     u, v = seen.u_px[1].astype(int), seen.v_px[1].astype(int)
-    return float(np.nanmedian(seen.phase_rad[1] - judged.found.plate_phase_rad[v, u]))
+    return float(np.nanmedian(seen.phase_rad[1] - judged.found.result.plate.unwrapped_rad[v, u]))
 
 
 def test_a_record_gives_the_same_heights(thesis, tmp_path):
-    write_calibration(calibration_record(thesis.found), tmp_path)
+    write_calibration(calibration_record(thesis.commissioned), tmp_path)
     again = calibration_of(read_calibration(tmp_path))
     heights = (-10.0, 40.0)
     first, second = (
         reconstruct_height(thesis.bars.phase.map, rig, height_range_mm=heights)
-        for rig in (thesis.found.calibration, again)
+        for rig in (thesis.found.result.rig, again)
     )
     for name in ("x", "y", "z", "u_z", "reasons"):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
@@ -107,7 +107,7 @@ def test_a_record_gives_the_same_heights(thesis, tmp_path):
 def box(thesis):
     told = []
     low = (-1.0, 4.0)  # a fringe is 6.5 mm high: one order fits
-    measured = reconstruct(thesis.session, "box", thesis.found.calibration, height_range_mm=low, progress=told.append)
+    measured = reconstruct(thesis.session, "box", thesis.found.result.rig, height_range_mm=low, progress=told.append)
     assert told
     return measured
 
@@ -133,7 +133,7 @@ def test_a_box_in_the_upper_right_is_found_there(box):
 
 def test_a_top_with_an_upright_rim_is_left_undecided_without_a_range(thesis):
     """Phase says 2 mm, or 8.5, or -4.5: nothing in one period tells which."""
-    surface = reconstruct(thesis.session, "box", thesis.found.calibration).surface
+    surface = reconstruct(thesis.session, "box", thesis.found.result.rig).surface
     undecided = (surface.reasons & Reason.ORDER_UNDECIDED) > 0
     assert np.isnan(surface.z[undecided]).all()
     box_px = 80 * 40 / 0.734**2

@@ -7,7 +7,7 @@ from fringecal.errors import DetectionError, FitError, FringecalError, SessionEr
 from fringecal.session import temporary_session
 from fringecal.simulate import RigSpec, simulate_session
 from fringecal.workflows.angle.run import picture_angles
-from fringecal.workflows.commission.run import commission
+from fringecal.workflows.commission import calibrate_session, commission
 
 COMMON = {"format": 1, "certificate": "drawn"}
 GRID = COMMON | {
@@ -114,10 +114,10 @@ def test_half_the_strips_in_shadow_leave_the_other_half(taken):
     """1000 mm up and 1222 mm to the side: 50.71 deg at the origin, whatever part of the strips is lit."""
     frames = taken.frames | half_dark(taken.frames)
     with temporary_session(taken.document, frames, extra_files=taken.files) as session:
-        found = commission(session)
+        found = calibrate_session(session).result
         ridge = picture_angles(session, found.camera, estimator="ridge")
-    for angle in (found.angle, ridge.angle):
+    for angle in (found.origin.angle, ridge.angle):
         assert abs(angle.value - np.degrees(np.arctan(1.222))) < 2 * angle.u
         assert angle.u < 0.12
-    dark = found.strips.regions.labels[:, 190:]
-    assert not np.isfinite(found.strips.step_rad[:, 190:][dark > 0]).any()
+    dark = found.strips.found.regions.labels[:, 190:]
+    assert not np.isfinite(found.strips.found.step_rad[:, 190:][dark > 0]).any()

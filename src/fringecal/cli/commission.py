@@ -47,7 +47,6 @@ def commission(
     from fringecal.session import load_session
     from fringecal.workflows.commission import calibration_record, commission_report
     from fringecal.workflows.commission import commission as run
-    from fringecal.workflows.verify import independent
 
     demand_folder(out)
     command = command_line("commission", [session, "--out", out, *given({"--limits": limits})])
@@ -55,13 +54,12 @@ def commission(
         allowed = limits_for(session, limits)
         loaded = load_session(session)
         found = run(loaded, progress=show)
-        if artefacts := independent(loaded):
-            show(f"heights of {', '.join(capture.name for capture in artefacts)}")
+        rig = found.calibrated.result.rig
         record = calibration_record(found, command=command, limits=allowed)
         show("writing the report")
         with result_folder(out, last=CALIBRATION_FILE) as staging:
-            if not found.calibration.camera.telecentric:
-                write_cameramodel(staging / CAMERAMODEL_FILE, found.calibration.camera)
+            if not rig.camera.telecentric:
+                write_cameramodel(staging / CAMERAMODEL_FILE, rig.camera)
             write_calibration(record, staging)
             report = commission_report(
                 found,
@@ -76,7 +74,9 @@ def commission(
     if as_json:
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
-    console.print(_table(found.camera.scales | {"angle": found.angle, "apparent angle": found.apparent}))
+    origin = found.calibrated.result.origin
+    scales = found.calibrated.result.camera.scales
+    console.print(_table(scales | {"angle": origin.angle, "apparent angle": origin.apparent}))
     kept = (f"earlier calibrations are kept in {out / EARLIER}",) if (out / EARLIER).is_dir() else ()
     tell_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
 

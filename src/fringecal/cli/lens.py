@@ -15,10 +15,10 @@ from fringecal.uncertainty import doubt_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
+    from fringecal.calibration import LensFindings
     from fringecal.camera import Model, Solver
     from fringecal.records import LensDocument
     from fringecal.report import InputFile, Report
-    from fringecal.workflows.lens import LensFindings
 
 HELP = """Fit the full lens to several pictures of a board, with its uncertainty over the field.
 
@@ -56,8 +56,9 @@ def lens(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-lens/1)."),
 ) -> None:
     """Load, fit, save, print."""
+    from fringecal.calibration import KnownLens
     from fringecal.records import LensDocument, software_versions
-    from fringecal.workflows.lens import KnownLens, lens_record, lens_report
+    from fringecal.workflows.lens import lens_record, lens_report
 
     _demand(solver, model, distance_mm, out)
     command = command_line("lens", [*source, *(["--target", target] if target else [])])
@@ -101,11 +102,12 @@ def _demand(solver: str, model: str, distance_mm: float | None, out: Path | None
 
 def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["LensFindings", tuple["InputFile", ...]]:
     """Fit the lens to a session's boards or to pictures; with the files used."""
+    from fringecal.calibration import lens_from_pictures
     from fringecal.records import sha256_of
     from fringecal.report import InputFile
     from fringecal.session import load_session
     from fringecal.targets import load_target
-    from fringecal.workflows.lens import lens_from_pictures, measure_lens
+    from fringecal.workflows.lens import measure_lens
     from fringecal.workflows.shared import inputs_of_capture
 
     if len(source) == 1 and source[0].is_dir():

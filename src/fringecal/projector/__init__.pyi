@@ -47,6 +47,9 @@ from .angle.picture_breaks import (
     picture_breaks as picture_breaks,
 )
 from .angle.projection_angle import (
+    OriginAngles as OriginAngles,
+)
+from .angle.projection_angle import (
     ProjectorPosition as ProjectorPosition,
 )
 from .angle.projection_angle import (

@@ -93,6 +93,27 @@ class OriginAngles:
     apparent: Estimate
     theory: Estimate | None
 
+    @property
+    def en(self) -> float | None:
+        """Measured against theoretical angle: difference over expanded uncertainties (k = 2); None without theory."""
+        if self.theory is None:
+            return None
+        return (self.angle.value - self.theory.value) / (2 * math.hypot(self.angle.u, self.theory.u))
+
+    @property
+    def sentence(self) -> str:
+        """Say plainly whether the measured geometry agrees with the stated one."""
+        if self.theory is None or self.en is None:
+            return "The session states no projector position: the angle has nothing to be compared with."
+        difference = self.angle.value - self.theory.value
+        if abs(self.en) <= 1:
+            return f"The measured geometry agrees with the stated one ({difference:+z.2f} deg, En {self.en:+z.2f})."
+        return (
+            f"The measured angle differs from the stated geometry by {difference:+z.2f} deg "
+            f"(En {self.en:+z.2f}): the projector stands elsewhere, or the strips are not as high as their "
+            "target says."
+        )
+
 
 def angles_at_origin(calibration: RigCalibration, stated: ProjectorPosition | None) -> OriginAngles:
     """Return measured, apparent and theoretical angle at the plate's origin."""

@@ -33,7 +33,7 @@ def angle_report(found: AngleFindings, *, command: str = "", created: datetime |
     ]
     if found.theory is not None:
         facts.append(Fact("Angle in theory", concise(found.theory), "from the stated positions"))
-    captures = [found.camera.capture, strips_captures(found.session)[0]]
+    captures = [found.session.one("grid"), strips_captures(found.session)[0]]
     return Report(
         title=f"Projection angle of {found.session.rig}",
         subtitle=f"Captured {found.session.captured:%Y-%m-%d %H:%M}; {found.estimator} estimator",

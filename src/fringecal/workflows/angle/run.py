@@ -5,15 +5,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.calibration import CameraFindings
 from fringecal.errors import SessionError
 from fringecal.projector import PictureEstimator, picture_breaks
 from fringecal.session import Session
 from fringecal.workflows.commission import (
     AngleFindings,
-    CameraFindings,
     Estimator,
     angles_of,
-    commission,
+    calibrate_session,
     gather_angles,
     measure_camera,
     strips_captures,
@@ -52,7 +52,7 @@ def break_angles(
     if estimator not in ESTIMATORS:
         raise SessionError([f"no estimator is called {estimator!r}; take one of {', '.join(ESTIMATORS)}"])
     if estimator == "phase":
-        return angles_of(commission(session, progress=progress))
+        return angles_of(calibrate_session(session, progress=progress))
     progress("finding the grid and fitting the camera")
     return picture_angles(session, measure_camera(session), estimator=estimator, progress=progress)
 

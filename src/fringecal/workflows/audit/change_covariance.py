@@ -7,12 +7,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.calibration import SURFACE_POINTS
 from fringecal.camera import CAMERA_NAMES
 from fringecal.projector import RigCalibration
 from fringecal.records import AppearanceRecord
 from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, Layout, camera_quantities
 from fringecal.workflows.audit.observed import GridToday, PlateToday, StripsToday, base_state
-from fringecal.workflows.commission import SURFACE_POINTS
 
 Array = NDArray[np.float64]
 type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]

@@ -25,8 +25,11 @@ from .angle_tables import (
 from .artefact_sections import (
     verified_sections as verified_sections,
 )
-from .camera import (
-    CameraFindings as CameraFindings,
+from .calibrated_session import (
+    CalibratedSession as CalibratedSession,
+)
+from .calibrated_session import (
+    calibrate_session as calibrate_session,
 )
 from .camera import (
     measure_camera as measure_camera,
@@ -36,9 +39,6 @@ from .further import (
 )
 from .further import (
     strips_target as strips_target,
-)
-from .observed_surfaces import (
-    SURFACE_POINTS as SURFACE_POINTS,
 )
 from .record import (
     calibration_record as calibration_record,
@@ -51,4 +51,7 @@ from .run import (
 )
 from .run import (
     commission as commission,
+)
+from .run import (
+    judged_session as judged_session,
 )

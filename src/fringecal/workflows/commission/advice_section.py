@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.calibration import Calibrated
 from fringecal.projector import Advice
 from fringecal.report import (
     DOUBT,
@@ -24,9 +25,9 @@ Array = NDArray[np.float64]
 
 def advice_section(found: Commissioning) -> Section:
     """Say how uncertain heights will be over the field, why, and what one more artefact would buy."""
-    advice = found.advice
-    tables = (_forecast_table(advice), _gain_table(advice), *_further_tables(found))
-    return Section("What to measure next", (*advice.sentences, *found.contradictions), tables, _figures(advice))
+    advice, result = found.advice, found.calibrated.result
+    tables = (_forecast_table(advice), _gain_table(advice), *_further_tables(result))
+    return Section("What to measure next", (*advice.sentences, *result.contradictions), tables, _figures(advice))
 
 
 def _forecast_table(advice: Advice) -> Table:
@@ -57,14 +58,14 @@ def _gain_table(advice: Advice) -> Table:
     return Table("What one more artefact would buy", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
 
 
-def _further_tables(found: Commissioning) -> tuple[Table, ...]:
+def _further_tables(result: Calibrated) -> tuple[Table, ...]:
     """Tabulate the artefacts beside plate and strips that took part in the fit."""
     rows = []
-    for artefact in found.further:
+    for artefact in result.standards:
         seen, place = artefact.seen.observations, artefact.seen.place
         for height, pixels in () if seen is None else zip(seen.height_mm, seen.u_px, strict=True):
             where = (place.x_mm, place.y_mm) if place is not None else (None, None)
-            row = {"capture": artefact.phase.capture.name, "height / mm": height.value, "u / mm": height.u}
+            row = {"capture": artefact.name, "height / mm": height.value, "u / mm": height.u}
             rows.append(row | {"points": pixels.size, "x / mm": where[0], "y / mm": where[1]})
     if not rows:
         return ()

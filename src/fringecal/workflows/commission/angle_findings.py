@@ -23,8 +23,8 @@ from fringecal.projector import (
 )
 from fringecal.session import Session
 from fringecal.uncertainty import Estimate
+from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.camera import CameraFindings
-from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.shared import displaced, projector_of
 
 Estimator = Literal["phase", "ridge", "skeleton"]
@@ -98,14 +98,14 @@ class AngleFindings:
         return pd.DataFrame(self.breaks.columns())
 
 
-def angles_of(found: Commissioning) -> AngleFindings:
+def angles_of(found: CalibratedSession) -> AngleFindings:
     """Return the angles of a commissioned rig: the phase estimator."""
-    breaks = phase_breaks(
-        found.calibration, found.observations, found.strips.regions.labels, surfaces=len(found.orders)
-    )
+    result = found.result
+    labels = result.strips.found.regions.labels
+    breaks = phase_breaks(result.rig, result.observations, labels, surfaces=len(result.orders))
     return gather_angles(
-        found.session, "phase", found.camera, found.calibration, breaks, next(iter(found.orders.values())),
-        found.strips_capture.capture.read()[0],
+        found.session, "phase", result.camera, result.rig, breaks, next(iter(result.orders.values())),
+        found.strips.capture.read()[0],
     )  # fmt: skip
 
 

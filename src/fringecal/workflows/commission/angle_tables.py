@@ -6,10 +6,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.calibration import Calibrated
 from fringecal.projector import OFF, ColumnAngle, RigCalibration
 from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
 from fringecal.workflows.commission.angle_findings import AngleFindings
-from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.shared import budget_table, field_mm
 
 Array = NDArray[np.float64]
@@ -125,19 +125,18 @@ def _by_strip(found: AngleFindings) -> Table:
     return Table("Breaks by strip", table, f"all breaks are in breaks.csv; {CONVENTION}", formats)
 
 
-def budgets_section(found: Commissioning) -> Section:
+def budgets_section(result: Calibrated) -> Section:
     """Say what the uncertainties of angle, scale and heights are made of."""
-    angle = budget_table("Budget of the projection angle", found.angle_budget, "deg")
-    scale = budget_table("Budget of the mean scale", found.camera.scale_budget, "mm/px")
+    angle = budget_table("Budget of the projection angle", result.origin.budget, "deg")
+    scale = budget_table("Budget of the mean scale", result.camera.scale_budget, "mm/px")
     first = angle.frame.iloc[0]
     figure = budget_bars(
         list(angle.frame["influence"]),
         list(angle.frame["share of the variance / %"]),
-        title=f"projection angle at the origin, u = {found.angle.u:.3f} deg",
+        title=f"projection angle at the origin, u = {result.origin.angle.u:.3f} deg",
     )
     alt = f"Bars: the largest share of the variance, {first.iloc[2]:.0f} %, is that of {first.iloc[0]}."
-    noise = float(np.nanmedian(found.reference.map.sigma[found.reference.map.valid]))
-    heights = heights_table(found.calibration, noise)
+    heights = heights_table(result.rig, result.plate.noise_rad)
     item = FigureItem("Budget of the projection angle", figure, alt)
     return Section("Budgets", (), (angle, scale, heights), (item,))
 

@@ -7,9 +7,10 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy import special
 
+from fringecal.calibration import CameraFindings
 from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.report import FigureItem, Section, Table, residual_quiver
-from fringecal.workflows.commission.camera import CameraFindings
+from fringecal.session import Capture
 from fringecal.workflows.grid import GridPicture, distortion_section, lines_section, scale_section
 from fringecal.workflows.shared import estimates_table
 
@@ -31,20 +32,20 @@ _LABELS = {
 }
 
 
-def camera_sections(found: CameraFindings) -> tuple[Section, ...]:
+def camera_sections(found: CameraFindings, capture: Capture) -> tuple[Section, ...]:
     """Say what the grid picture tells of lines, scale, lens, and the camera on the plate."""
     grid = GridPicture(
-        found.capture.name,
-        found.capture.read()[0],
+        capture.name,
+        capture.read()[0],
         found.detection,
         found.distortion,
         found.tables,
-        found.target.pitch_mm.estimate("grid pitch", "mm"),
+        found.pitch,
         np.isfinite(found.fit.residual_u_px),
     )
     camera = Section(
         "Camera",
-        _sentences(found),
+        _sentences(found, capture),
         (
             estimates_table("Scale on the plate at the image centre", found.scales, first="scale"),
             local_scale_table(found.fit.camera, found.scales["mean"].value),
@@ -125,11 +126,12 @@ def largest_scale_error_percent(found: CameraFindings) -> float:
     return float(frame[["error along u / %", "error along v / %"]].abs().to_numpy().max())
 
 
-def _sentences(found: CameraFindings) -> tuple[str, ...]:
+def _sentences(found: CameraFindings, capture: Capture) -> tuple[str, ...]:
     fit, grid = found.fit, found.detection
+    name = capture.name if capture.target is None else capture.target.name
     used = int(np.isfinite(fit.residual_u_px).sum())
     return (
-        f"{used} of {grid.u_px.size} crossings of {found.target.name} agree with one flat sheet seen by one camera; "
+        f"{used} of {grid.u_px.size} crossings of {name} agree with one flat sheet seen by one camera; "
         f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+z.2f} deg.",
         f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2g} %.",
     )

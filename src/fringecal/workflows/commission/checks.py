@@ -3,10 +3,10 @@
 import math
 from typing import TYPE_CHECKING
 
+from fringecal.calibration import CONTRADICTS, Calibrated
 from fringecal.projector import LAMP_CHANCE
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
-from fringecal.workflows.commission.further import CONTRADICTS
 from fringecal.workflows.shared import judged_below, rms_estimate
 from fringecal.workflows.verify import verified_checks
 
@@ -17,34 +17,35 @@ if TYPE_CHECKING:
 
 def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of a commissioning, with their decisions."""
-    own = limits.commission
-    plate = rms_estimate(found.fit.plate_rms_rad, found.observations.phase_rad[0].size, "rad")
-    grid = rms_estimate(found.camera.fit.rms_px, found.camera.fit.dof, "px")
+    own, result = limits.commission, found.calibrated.result
+    camera, apparent = result.camera, result.origin.apparent
+    plate = rms_estimate(result.fit.plate_rms_rad, result.observations.phase_rad[0].size, "rad")
+    grid = rms_estimate(camera.fit.rms_px, camera.fit.dof, "px")
     checks = [
         judged_below("plate phase residual", plate, own.plate_residual_rad, limits.level),
         judged_below("grid residual", grid, own.grid_residual_px, limits.level),
         # Heights hang on the angle that the camera sees; where a tilted camera stands changes only the other.
         judged_below(
             "standard uncertainty of the apparent projection angle",
-            Estimate(found.apparent.u, found.apparent.u / math.sqrt(2 * found.apparent.dof), "deg"),
+            Estimate(apparent.u, apparent.u / math.sqrt(2 * apparent.dof), "deg"),
             own.angle_u_deg,
             limits.level,
         ),
         Check(
             name="largest lens displacement",
-            value=found.camera.distortion.max_px.value,
-            u=found.camera.distortion.max_px.u,
-            expanded=found.camera.distortion.max_px.expanded().U,
+            value=camera.distortion.max_px.value,
+            u=camera.distortion.max_px.u,
+            expanded=camera.distortion.max_px.expanded().U,
             unit="px",
             decision="info",
-            rule=f"verdict {found.camera.distortion.verdict}; corrected by the camera model",
+            rule=f"verdict {camera.distortion.verdict}; corrected by the camera model",
         ),
     ]
-    stated = found.session.camera.height_mm
-    if found.camera.height_seen is not None and stated is not None:
-        checks.append(pitch_check(found.camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
-    if found.camera.assumed_height is not None:
-        assumed = found.camera.assumed_height
+    stated = found.calibrated.session.camera.height_mm
+    if camera.height_seen is not None and stated is not None:
+        checks.append(pitch_check(camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
+    if camera.assumed_height is not None:
+        assumed = camera.assumed_height
         rule = "not stated: a usual lens is assumed, within 60 %; state camera.height_mm"
         checks.append(
             Check(
@@ -57,19 +58,19 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 rule=rule,
             )
         )
-    if found.angle_en is not None:
+    if result.origin.en is not None:
         checks.append(
             Check(
                 name="angle against theory",
-                value=found.angle_en,
+                value=result.origin.en,
                 limit=own.angle_en,
-                decision="pass" if abs(found.angle_en) <= own.angle_en else "fail",
+                decision="pass" if abs(result.origin.en) <= own.angle_en else "fail",
                 rule=f"|En| <= {own.angle_en:g}, En = difference over the root sum of squares of both expanded "
                 "uncertainties (k = 2)",
             )
         )
     several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.examined))
-    return (*checks, *_lamp_check(found), _heights_check(found), *several, *verified_checks(found.verified, limits))
+    return (*checks, *_lamp_check(found), _heights_check(result), *several, *verified_checks(found.verified, limits))
 
 
 def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]:
@@ -106,7 +107,7 @@ def _frames_check(examined: "Examination", limits: Limits) -> Check:
 
 def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
     """Hold the projector found against its stated position, where there is one."""
-    moved = found.displacement
+    moved = found.angles.displacement
     if moved is None:
         return ()
     return (
@@ -120,12 +121,12 @@ def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
     )
 
 
-def _heights_check(found: "Commissioning") -> Check:
+def _heights_check(result: Calibrated) -> Check:
     """Hold the stated heights against each other, or say that nothing in the session can."""
     name = "stated heights against one another"
-    if not found.further:
+    if not result.standards:
         # Plate and strips alone fit any height of the strips equally well: a wrong one scales all heights.
-        known = found.theory is not None
+        known = result.origin.theory is not None
         rule = (
             "only the stated projector position bears the strips' height out; see the angle against theory"
             if known
@@ -133,7 +134,7 @@ def _heights_check(found: "Commissioning") -> Check:
             'artefact of known height with use = "calibration"'
         )
         return Check(name=name, value=0.0, decision="info" if known else "conditionalPass", rule=rule)
-    largest = max((abs(float(v)) for moved in found.fit.doubts for v in moved), default=0.0)
+    largest = max((abs(float(v)) for moved in result.fit.doubts for v in moved), default=0.0)
     return Check(
         name=name,
         value=largest,

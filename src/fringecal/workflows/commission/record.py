@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.calibration import Calibrated
 from fringecal.camera import CAMERA_NAMES, PlateCamera, family_rms_px
 from fringecal.detect import FAMILIES
 from fringecal.projector import RIG_NAMES, Advice, ColumnAngle, projector_estimates
@@ -13,6 +14,7 @@ from fringecal.records import DEFAULT_LIMITS, EstimateRecord, LensRecord, Limits
 from fringecal.records import calibration_record as record
 from fringecal.session import Session
 from fringecal.uncertainty import Estimate
+from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.lens import lens_record
@@ -21,7 +23,6 @@ from fringecal.workflows.shared import (
     budget_rows,
     inputs_of,
     orders_record,
-    projector_of,
     session_note,
     steps_record,
     wave_record,
@@ -34,41 +35,42 @@ def calibration_record(
     found: Commissioning, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
 ) -> record.CalibrationRecord:
     """Return the record of a commissioning: every estimate, its budget, and all that applying it needs."""
-    scales = {name: EstimateRecord.of(e) for name, e in found.camera.scales.items()}
+    session, result = found.calibrated.session, found.calibrated.result
+    scales = {name: EstimateRecord.of(e) for name, e in result.camera.scales.items()}
     return record.CalibrationRecord(
         software=software_versions(),
         command=tuple(command),
-        session=session_note(found.session),
-        inputs=inputs_of(found.session),
+        session=session_note(session),
+        inputs=inputs_of(session),
         image=record.ImageRecord(
-            width=found.calibration.camera.width_px,
-            height=found.calibration.camera.height_px,
-            white_level=found.reference.capture.white_level,
+            width=result.rig.camera.width_px,
+            height=result.rig.camera.height_px,
+            white_level=found.calibrated.reference.capture.white_level,
         ),
-        camera=_camera_record(found.calibration.camera),
-        lens=_known_lens_record(found),
+        camera=_camera_record(result.rig.camera),
+        lens=_known_lens_record(result),
         steps=tuple(steps_record(one) for one in found.examined),
-        wave=wave_record(found.calibration.wave),
-        orders=orders_record(found.calibration.orders),
+        wave=wave_record(result.rig.wave),
+        orders=orders_record(result.rig.orders),
         scale=record.ScaleRecord(**scales),
-        distortion=_distortion_record(found),
+        distortion=_distortion_record(result),
         projection=_projection_record(found),
-        rig=_rig_record(found),
+        rig=_rig_record(result),
         budgets={
-            "projection.angle": budget_rows(found.angle_budget),
-            "scale.mean": budget_rows(found.camera.scale_budget),
+            "projection.angle": budget_rows(result.origin.budget),
+            "scale.mean": budget_rows(result.camera.scale_budget),
         },
         checks=commissioning_checks(found, limits),
         limits=limits,
-        targets=_targets_of(found.session),
+        targets=_targets_of(session),
         notes=(
-            found.reference.sentence(),
-            found.strips_capture.sentence(),
+            found.calibrated.reference.sentence(),
+            found.calibrated.strips.sentence(),
             *(sentence for one in found.examined for sentence in one.sentences()),
             *found.notes,
         ),
         advice=_advice_record(found.advice),
-        appearance=appearance_of(found.reference, found.detection),
+        appearance=appearance_of(found.calibrated.reference, result.camera.detection),
     )
 
 
@@ -114,20 +116,20 @@ def _camera_record(camera: PlateCamera) -> record.CameraRecord:
     )
 
 
-def _known_lens_record(found: Commissioning) -> LensRecord | None:
-    camera = found.calibration.camera
+def _known_lens_record(found: Calibrated) -> LensRecord | None:
+    camera = found.rig.camera
     known = found.camera.lens
     return None if known is None else lens_record(known, distance_mm=float(camera["height_mm"]))
 
 
-def _distortion_record(found: Commissioning) -> record.DistortionRecord:
+def _distortion_record(found: Calibrated) -> record.DistortionRecord:
     test = found.camera.distortion
     return record.DistortionRecord(
         verdict=test.verdict,
         max_px=ValueU(value=test.max_px.value, u=test.max_px.u),
         detection_limit_px=test.detection_limit_px,
-        k1=found.calibration.camera["k1"],
-        k2=found.calibration.camera["k2"],
+        k1=found.rig.camera["k1"],
+        k2=found.rig.camera["k2"],
         p_value=test.p_value,
         centre_px=None if test.centre is None else _values_record(test.centre),
         straightness_px=record.StraightnessRecord(
@@ -145,25 +147,27 @@ def _values_record(estimates: Sequence[Estimate]) -> VectorU:
 
 
 def _projection_record(found: Commissioning) -> record.ProjectionRecord:
+    origin = found.calibrated.result.origin
     return record.ProjectionRecord(
-        angle=EstimateRecord.of(found.angle),
-        apparent_angle=EstimateRecord.of(found.apparent),
-        columns=tuple(_column_record(c) for c in found.columns),
-        theory=None if found.theory is None else _theory_record(found, found.theory),
+        angle=EstimateRecord.of(origin.angle),
+        apparent_angle=EstimateRecord.of(origin.apparent),
+        columns=tuple(_column_record(c) for c in found.angles.columns),
+        theory=None if origin.theory is None else _theory_record(found.calibrated, origin.theory),
     )
 
 
-def _theory_record(found: Commissioning, theory: Estimate) -> record.TheoryRecord:
-    position = projector_of(found.session)
+def _theory_record(found: CalibratedSession, theory: Estimate) -> record.TheoryRecord:
+    origin = found.result.origin
+    position = found.result.stated_projector
     assert position is not None
     height = found.session.camera.height_mm
     return record.TheoryRecord(
         angle=EstimateRecord.of(theory),
         projector_position_mm=VectorU(value=tuple(map(float, position.value_mm)), u=tuple(map(float, position.u_mm))),
         camera_height_mm=None if height is None else ValueU(value=height.values[0], u=height.us[0]),
-        difference_deg=found.angle.value - theory.value,
-        en=found.angle_en,
-        sentence=found.angle_sentence,
+        difference_deg=origin.angle.value - theory.value,
+        en=origin.en,
+        sentence=origin.sentence,
     )
 
 
@@ -181,8 +185,8 @@ def _column_record(column: ColumnAngle) -> record.ColumnRecord:
     )
 
 
-def _rig_record(found: Commissioning) -> record.RigRecord:
-    calibration = found.calibration
+def _rig_record(found: Calibrated) -> record.RigRecord:
+    calibration = found.rig
     cut, end = len(CAMERA_NAMES), len(CAMERA_NAMES) + len(RIG_NAMES)
     joint = calibration.covariance
     residual = calibration.model.residual
@@ -207,10 +211,10 @@ def _rig_record(found: Commissioning) -> record.RigRecord:
     )
 
 
-def _projector_u(found: Commissioning) -> tuple[float, ...] | None:
+def _projector_u(found: Calibrated) -> tuple[float, ...] | None:
     """Return the standard uncertainties of the projector's place; nobody knows all three unless a place is stated."""
-    stated = projector_of(found.session)
-    place = projector_estimates(found.calibration, stated)
+    stated = found.stated_projector
+    place = projector_estimates(found.rig, stated)
     return None if stated is None or not place else tuple(e.u for e in place)
 
 

@@ -3,12 +3,13 @@
 import math
 from datetime import datetime
 
+from fringecal.calibration import Calibrated
 from fringecal.projector import fringe_pitch_mm
 from fringecal.records import DEFAULT_LIMITS, Check, Limits, software_versions
 from fringecal.report import Fact, InputFile, Report, Section, Verdict
+from fringecal.session import Session
 from fringecal.uncertainty import Estimate
 from fringecal.workflows.commission.advice_section import advice_section
-from fringecal.workflows.commission.angle_findings import angles_of
 from fringecal.workflows.commission.angle_tables import angle_section, budgets_section
 from fringecal.workflows.commission.artefact_sections import repeats_section, verified_sections
 from fringecal.workflows.commission.camera_section import camera_sections, largest_scale_error_percent
@@ -44,24 +45,26 @@ def commission_report(
     history
         What the rig's history says beside this calibration (`fringecal.workflows.history.report.history_section`).
     """
+    calibrated = found.calibrated
+    session, result = calibrated.session, calibrated.result
     checks = commissioning_checks(found, limits)
-    residuals = residual_maps(found)
+    residuals = residual_maps(result)
     return Report(
-        title=f"Commissioning of {found.session.rig}",
-        subtitle=_subtitle(found),
+        title=f"Commissioning of {session.rig}",
+        subtitle=_subtitle(session),
         verdict=Verdict(severest(checks), _sentence(found, checks)),
-        facts=_facts(found),
+        facts=_facts(result),
         sections=(
             Section("Checks", (), (checks_table(checks),)),
-            *camera_sections(found.camera),
-            *_lens(found),
-            angle_section(angles_of(found)),
-            rig_section(found, residuals),
-            strips_section(found, residuals),
-            budgets_section(found),
+            *camera_sections(result.camera, session.one("grid")),
+            *_lens(result),
+            angle_section(found.angles),
+            rig_section(calibrated, residuals),
+            strips_section(calibrated, residuals),
+            budgets_section(result),
             advice_section(found),
             *verified_sections(found.verified),
-            phase_section((found.reference, found.strips_capture)),
+            phase_section((calibrated.reference, calibrated.strips)),
             *repeats_section(found.repeats),
             doctor_section(found.examined),
             *((history,) if history else ()),
@@ -73,14 +76,13 @@ def commission_report(
     )
 
 
-def _lens(found: Commissioning) -> tuple[Section, ...]:
+def _lens(result: Calibrated) -> tuple[Section, ...]:
     """Show the lens where the session states one or holds board pictures."""
-    known = found.camera.lens
-    return () if known is None else (lens_section(known, found.calibration.camera["height_mm"]),)
+    known = result.camera.lens
+    return () if known is None else (lens_section(known, result.rig.camera["height_mm"]),)
 
 
-def _subtitle(found: Commissioning) -> str:
-    session = found.session
+def _subtitle(session: Session) -> str:
     parts = [f"Captured {session.captured:%Y-%m-%d %H:%M}"]
     if session.operator:
         parts.append(f"by {session.operator}")
@@ -91,24 +93,24 @@ def _subtitle(found: Commissioning) -> str:
 
 def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
     """Defend the decision: what failed by name, or what holds."""
+    result = found.calibrated.result
     failed = [check.name for check in checks if check.decision in ("fail", "conditionalFail")]
-    residual = (
-        f"One rig model explains plate and strips to {found.fit.rms_rad:.3f} rad; the strips' fringe order was decided."
-    )
+    rms = f"{result.fit.rms_rad:.3f} rad"
+    residual = f"One rig model explains plate and strips to {rms}; the strips' fringe order was decided."
     head = f"Not within its limit: {', '.join(failed)}." if failed else residual
-    return " ".join((head, found.angle_sentence, *found.verified.sentences))
+    return " ".join((head, result.origin.sentence, *found.verified.sentences))
 
 
-def _facts(found: Commissioning) -> tuple[Fact, ...]:
-    camera, lens = found.calibration.camera, found.camera.distortion
-    pitch, _ = found.calibration.estimate(lambda c: float(fringe_pitch_mm(c.model)), unit="mm", label="pitch")
+def _facts(found: Calibrated) -> tuple[Fact, ...]:
+    camera, lens = found.rig.camera, found.camera.distortion
+    pitch, _ = found.rig.estimate(lambda c: float(fringe_pitch_mm(c.model)), unit="mm", label="pitch")
     facts = [
         Fact("Mean scale", concise(found.camera.scales["mean"]), "at the image centre"),
-        Fact("Projection angle", concise(found.angle), "from the plate's normal, across the local fringe"),
+        Fact("Projection angle", concise(found.origin.angle), "from the plate's normal, across the local fringe"),
         Fact("Fringe pitch", concise(pitch), "on the plate, at the origin"),
     ]
-    if found.theory is not None:
-        facts.insert(2, Fact("Angle in theory", concise(found.theory), "from the stated positions"))
+    if found.origin.theory is not None:
+        facts.insert(2, Fact("Angle in theory", concise(found.origin.theory), "from the stated positions"))
     if not camera.telecentric:
         height = Estimate(camera["height_mm"], math.sqrt(camera.covariance[-1, -1]), "mm")
         facts.append(
@@ -125,20 +127,21 @@ def _facts(found: Commissioning) -> tuple[Fact, ...]:
 
 def _inputs(found: Commissioning) -> tuple[InputFile, ...]:
     """List every file of the session that is not a picture, then the pictures that were used."""
+    session = found.calibrated.session
     verified = (*(one.capture for one in found.verified.bars), *(one.capture for one in found.verified.artefacts))
     used = dict.fromkeys(
         capture.name
         for capture in (
-            found.camera.capture,
-            found.reference.capture,
-            found.strips_capture.capture,
+            session.one("grid"),
+            found.calibrated.reference.capture,
+            found.calibrated.strips.capture,
             *verified,
         )
     )
-    pictures = {path for capture in found.session.captures.values() for path in capture.paths}
+    pictures = {path for capture in session.captures.values() for path in capture.paths}
     others = tuple(
         InputFile("session", name, digest)
-        for name, digest in found.session.inputs.items()
-        if found.session.folder / name not in pictures
+        for name, digest in session.inputs.items()
+        if session.folder / name not in pictures
     )
-    return (*others, *(file for name in used for file in inputs_of_capture(found.session.captures[name])))
+    return (*others, *(file for name in used for file in inputs_of_capture(session.captures[name])))

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.calibration import Calibrated
 from fringecal.report import FigureItem, Layer, Live, ReadableMap, readable_picture, residual_map, symmetric_limit
 from fringecal.uncertainty import Estimate
-from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.shared import BORDER_PX, within_border
 
 Array = NDArray[np.float64]
@@ -41,13 +41,13 @@ class ResidualMaps:
     strips: tuple[StripResiduals, ...]
 
 
-def residual_maps(found: Commissioning) -> ResidualMaps:
+def residual_maps(found: Calibrated) -> ResidualMaps:
     """Compute the residuals of plate and strips, of what the fit rejected too, but not at the picture's border."""
-    camera, model = found.calibration.camera, found.calibration.model
-    cell = max(1, -(-max(found.plate_phase_rad.shape) // _CELLS))
+    camera, model = found.rig.camera, found.rig.model
+    cell = max(1, -(-max(found.plate.unwrapped_rad.shape) // _CELLS))
     rays = camera.pixel_rays()
-    smooth = np.where(np.isfinite(found.plate_phase_rad), model.residual(rays.ax, rays.ay), np.nan)
-    plate = found.plate_phase_rad - model.ratio(rays.ax, rays.ay, 0.0) - smooth
+    smooth = np.where(np.isfinite(found.plate.unwrapped_rad), model.residual(rays.ax, rays.ay), np.nan)
+    plate = found.plate.unwrapped_rad - model.ratio(rays.ax, rays.ay, 0.0) - smooth
     plate[~within_border(plate.shape)] = np.nan
     strips = tuple(_strip_residuals(found, i) for i in range(1, len(found.observations.height_mm)))
     return ResidualMaps(cell, cell_means(plate, cell), cell_means(smooth, cell), strips)
@@ -71,16 +71,16 @@ def cell_means(values: Array, cell_px: int) -> Array:
     return np.where(number > 0, total(np.where(known, values, 0.0)) / np.maximum(number, 1), np.nan)
 
 
-def _strip_residuals(found: Commissioning, number: int) -> StripResiduals:
+def _strip_residuals(found: Calibrated, number: int) -> StripResiduals:
     """Take the residuals of one surface of the fit."""
-    observed, model = found.observations, found.calibration.model
+    observed, model = found.observations, found.rig.model
     u, v = observed.u_px[number], observed.v_px[number]
-    surface = observed.surfaces(found.calibration.camera)[number]
+    surface = observed.surfaces(found.rig.camera)[number]
     x, y = surface.rays.at(surface.z_mm)
     residual = surface.phase_rad - model.phase(x, y, surface.z_mm)
     gx, gy, gz = model.gradient(x, y, surface.z_mm)
     slope = gz + gx * surface.rays.bx + gy * surface.rays.by
-    label = found.strips.regions.labels[v.astype(int), u.astype(int)]
+    label = found.strips.found.regions.labels[v.astype(int), u.astype(int)]
     return StripResiduals(observed.height_mm[number], label, u, v, residual, residual / slope)
 
 
@@ -98,9 +98,9 @@ def scattered(points: tuple[StripResiduals, ...], shape: tuple[int, ...], cell_p
     return np.where(number > 0, total / np.maximum(number, 1), np.nan).reshape(rows, columns)
 
 
-def residual_figures(found: Commissioning, maps: ResidualMaps) -> tuple[FigureItem, ...]:
+def residual_figures(found: Calibrated, maps: ResidualMaps) -> tuple[FigureItem, ...]:
     """Draw each residual on the scale of the points which the fit kept: what it rejected stands out."""
-    strips = scattered(maps.strips, found.plate_phase_rad.shape, maps.cell_px)
+    strips = scattered(maps.strips, found.plate.unwrapped_rad.shape, maps.cell_px)
     shown = (
         ("Phase residual on the plate", maps.plate_rad, symmetric_limit(maps.plate_rad)),
         ("Phase residual on the strips", strips, symmetric_limit(np.concatenate(found.fit.residuals[1:]))),

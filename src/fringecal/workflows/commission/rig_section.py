@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from fringecal.camera import CAMERA_NAMES
 from fringecal.projector import RIG_NAMES, RigCalibration, projector_estimates, seen_axes
 from fringecal.report import FigureItem, Section, Table, classification_overlay
+from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.residual_section import ResidualMaps, residual_figures
-from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.shared import projector_of, rig_figure
 
 Array = NDArray[np.float64]
@@ -16,31 +16,30 @@ Array = NDArray[np.float64]
 _UNITS = {"nx": "rad/mm", "ny": "rad/mm", "nz": "rad/mm", "n0": "rad", "dx": "1/mm", "dy": "1/mm", "dz": "1/mm"}
 
 
-def strips_section(found: Commissioning, residuals: ResidualMaps) -> Section:
+def strips_section(found: CalibratedSession, residuals: ResidualMaps) -> Section:
     """Say where the strips were found and how their fringe order was decided."""
-    regions = found.strips.regions
-    count = f"{len(regions.seen)} of {len(found.strips.heights_mm)}"
+    regions = found.result.strips.found.regions
+    count = f"{len(regions.seen)} of {len(found.result.strips.found.heights_mm)}"
     seen = f"{count} strips are in the picture, at {regions.direction_deg:z.1f} deg."
     decided = tuple(
         f"Strips of {height:g} mm: fringe order {decision.order:+d}, {decision.reason}."
-        for height, decision in found.orders.items()
+        for height, decision in found.result.orders.items()
     )
-    drift = (
-        f"On the bare plate the phase moved by {found.strips.plate_drift_rad:+z.4f} rad between reference and strips."
-    )
+    moved = found.result.strips.found.plate_drift_rad
+    drift = f"On the bare plate the phase moved by {moved:+z.4f} rad between reference and strips."
     tables = (_orders_table(found), _strips_table(residuals))
     return Section("Strips", (seen, *decided, drift), tables, (_strips_figure(found),))
 
 
-def _orders_table(found: Commissioning) -> Table:
+def _orders_table(found: CalibratedSession) -> Table:
     """Tabulate every fringe order tried: what it would mean for the rig."""
-    decisions = {id(decision): decision for decision in found.orders.values()}
+    decisions = {id(decision): decision for decision in found.result.orders.values()}
     rows = [
         {
             "order": candidate.order,
             "chosen": candidate.order == decision.order,
             "possible": candidate.possible,
-            "strips / mm": ", ".join(f"{h:g}" for h, d in found.orders.items() if d is decision),
+            "strips / mm": ", ".join(f"{h:g}" for h, d in found.result.orders.items() if d is decision),
             "angle / deg": candidate.angle_deg,
             "line height / mm": candidate.line_height_mm,
             "line side / mm": candidate.line_side_mm,
@@ -83,31 +82,33 @@ def _strips_table(residuals: ResidualMaps) -> Table:
     return Table("Strips", pd.DataFrame(rows), note, formats, {"height / mm": "u / mm"})
 
 
-def _strips_figure(found: Commissioning) -> FigureItem:
-    labels = found.strips.regions.labels
+def _strips_figure(found: CalibratedSession) -> FigureItem:
+    labels = found.result.strips.found.regions.labels
     classes = np.where(labels > 0, 1, np.where(labels == 0, 2, 3))
     names = {1: "strip top", 2: "plate", 3: "edge zone or no phase"}
-    figure = classification_overlay(
-        found.strips_capture.map.background, classes, names, title=found.strips_capture.capture.name
-    )
+    figure = classification_overlay(found.strips.map.background, classes, names, title=found.strips.capture.name)
     shares = ", ".join(f"{name} {100 * np.mean(classes == number):.1f} %" for number, name in names.items())
     return FigureItem("Strips found", figure, f"The picture of the strips, coloured by class: {shares}.", "png")
 
 
-def rig_section(found: Commissioning, residuals: ResidualMaps) -> Section:
+def rig_section(found: CalibratedSession, residuals: ResidualMaps) -> Section:
     """Say how well one rig model explains plate and strips, and where it puts the projector."""
-    fit = found.fit
+    fit = found.result.fit
     used, total = (sum(int(n) for n in counts) for counts in zip(*(_counts(r) for r in fit.residuals), strict=True))
     sentences = (
         f"One rig model of {len(RIG_NAMES)} numbers and a smooth plate residual explains {used} of {total} points on "
         f"plate and strips to {fit.rms_rad:.4f} rad rms ({fit.plate_rms_rad:.4f} rad on the plate).",
-        f"Beyond the noise of a pixel the plate leaves {found.calibration.excess_rad:.4f} rad, which every height's "
+        f"Beyond the noise of a pixel the plate leaves {found.result.rig.excess_rad:.4f} rad, which every height's "
         "uncertainty includes.",
         _line_sentence(found),
     )
-    tables = (_parameters_table(found.calibration), *_projector_tables(found))
+    tables = (_parameters_table(found.result.rig), *_projector_tables(found))
+    figures = (*residual_figures(found.result, residuals), *rig_figure(found.session, found.result.rig))
     return Section(
-        "Rig", sentences, tables, (*residual_figures(found, residuals), *rig_figure(found.session, found.calibration))
+        "Rig",
+        sentences,
+        tables,
+        figures,
     )
 
 
@@ -115,8 +116,8 @@ def _counts(residual: Array) -> tuple[int, int]:
     return int(np.isfinite(residual).sum()), residual.size
 
 
-def _line_sentence(found: Commissioning) -> str:
-    if not np.all(np.isfinite(found.calibration.model.projector_mm)):
+def _line_sentence(found: CalibratedSession) -> str:
+    if not np.all(np.isfinite(found.result.rig.model.projector_mm)):
         return "The projector's light is parallel as far as can be told: it has no position."
     origin = "the stated position" if found.session.projector else "the plate's origin"
     return (
@@ -140,13 +141,13 @@ def _parameters_table(calibration: RigCalibration) -> Table:
     return Table("Rig parameters", frame, note, {"value": ".7g"}, {"value": "u"})
 
 
-def _projector_tables(found: Commissioning) -> tuple[Table, ...]:
+def _projector_tables(found: CalibratedSession) -> tuple[Table, ...]:
     """Tabulate the projector's point beside where the session says it stands."""
     position = projector_of(found.session)
-    fitted = projector_estimates(found.calibration, position)
+    fitted = projector_estimates(found.result.rig, position)
     if not fitted:
         return ()
-    seen = np.array(seen_axes(found.calibration.model))
+    seen = np.array(seen_axes(found.result.rig.model))
     u = np.array([e.u for e in fitted])
     frame = pd.DataFrame({"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": u})
     frame["from"] = np.where(seen, "fringes", "not seen by these fringes")

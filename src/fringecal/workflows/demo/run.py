@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 
 from fringecal.phase import FringePeriod, fringe_period
-from fringecal.workflows.commission import Commissioning, commission
+from fringecal.calibration import Calibrated
+from fringecal.workflows.commission import calibrate_session
 from fringecal.workflows.shared import CapturePhase, phase_of_capture
 from fringecal.workflows.reconstruct import Measurement, reconstruct
 from fringecal.workflows.verify import Verification, verify
@@ -39,7 +40,7 @@ class DemoTruth:
 class Demonstration:
     """Everything that the demonstration measured on the virtual rig."""
 
-    commissioning: Commissioning
+    calibrated: Calibrated
     verification: Verification
     leaf: Measurement
     truth: DemoTruth
@@ -57,9 +58,9 @@ class RealCapture:
 
 def demonstrate(session: Session, truth: DemoTruth, *, progress: Progress = lambda _: None) -> Demonstration:
     """Commission the virtual rig, verify it on the bars and reconstruct the leaf."""
-    found = commission(session, progress=progress)
-    verification = verify(session, "bars", found.calibration, progress=progress)
-    leaf = reconstruct(session, "leaf", found.calibration, progress=progress)
+    found = calibrate_session(session, progress=progress).result
+    verification = verify(session, "bars", found.rig, progress=progress)
+    leaf = reconstruct(session, "leaf", found.rig, progress=progress)
     return Demonstration(found, verification, leaf, truth)
 
 
@@ -77,11 +78,11 @@ def read_real(session: Session, *, progress: Progress = lambda _: None) -> tuple
 
 def result_table(found: Demonstration) -> pd.DataFrame:
     """Tabulate what was measured against what is true and what the thesis found."""
-    calibration, errors = found.commissioning, found.verification.errors
+    calibration, errors = found.calibrated, found.verification.errors
     scales, truth = calibration.camera.scales, found.truth
     constant = found.verification.models["constant-angle"]
     mean, horizontal, vertical = (scales[name] for name in ("mean", "horizontal", "vertical"))
-    angle, none, share = calibration.angle, math.nan, "% of height"
+    angle, none, share = calibration.origin.angle, math.nan, "% of height"
     thesis_error = THESIS["height_error"]
     rows = [
         ("mean scale", mean.value, mean.u, (truth.scale_h + truth.scale_v) / 2, THESIS["scale"], "mm/px"),

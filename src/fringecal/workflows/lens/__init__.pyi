@@ -8,16 +8,7 @@ from .report import (
     lens_section as lens_section,
 )
 from .run import (
-    KnownLens as KnownLens,
-)
-from .run import (
-    LensFindings as LensFindings,
-)
-from .run import (
     known_lens as known_lens,
-)
-from .run import (
-    lens_from_pictures as lens_from_pictures,
 )
 from .run import (
     measure_lens as measure_lens,

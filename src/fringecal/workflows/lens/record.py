@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from fringecal.calibration import KnownLens, LensFindings
 from fringecal.camera import LENS_NAMES
 from fringecal.records import BoardPictureRecord, BoardSolution, LensRecord, ProjectionUncertainty
-from fringecal.workflows.lens.run import KnownLens, LensFindings
 
 
 def lens_record(known: KnownLens, *, distance_mm: float | None = None) -> LensRecord:

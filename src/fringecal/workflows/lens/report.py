@@ -5,6 +5,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
+from fringecal.calibration import BoardPicture, KnownLens, LensFindings
 from fringecal.camera import LENS_NAMES, Lens, LensFit
 from fringecal.records import software_versions
 from fringecal.report import (
@@ -20,7 +21,6 @@ from fringecal.report import (
     lens_uncertainty_map,
     residual_quiver,
 )
-from fringecal.workflows.lens.run import BoardPicture, KnownLens, LensFindings
 from fringecal.workflows.shared import concise, estimates_table
 
 _LABELS = {

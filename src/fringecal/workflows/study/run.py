@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fringecal.calibration import Calibrated
 from fringecal.errors import FringecalError
 from fringecal.projector import RigCalibration
 from fringecal.records import (
@@ -21,7 +22,7 @@ from fringecal.records import (
 from fringecal.session import temporary_session
 from fringecal.simulate import RigSpec, SimulatedSession, build_camera, build_projector, phase_at, ray, truth_of
 from fringecal.uncertainty import Estimate
-from fringecal.workflows.commission import Commissioning, commission
+from fringecal.workflows.commission import calibrate_session
 from fringecal.workflows.study.drawn_rigs import DrawnRig, draw_rig
 
 HEIGHTS_MM = (5.0, 15.0, 30.0)
@@ -108,7 +109,7 @@ def examine_rig(plan: StudyPlan, number: int) -> RigResult:
     taken = drawn.session()
     try:
         with temporary_session(taken.document, taken.frames, extra_files=taken.files) as session:
-            found = commission(session)
+            found = calibrate_session(session).result
     except FringecalError as error:
         return RigResult(number=number, refused=f"{type(error).__name__}: {error}")
     rows = compare(found, drawn, taken, heights_mm=plan.heights_mm)
@@ -117,7 +118,7 @@ def examine_rig(plan: StudyPlan, number: int) -> RigResult:
 
 
 def compare(
-    found: Commissioning, drawn: DrawnRig, taken: SimulatedSession, *, heights_mm: Iterable[float] = HEIGHTS_MM
+    found: Calibrated, drawn: DrawnRig, taken: SimulatedSession, *, heights_mm: Iterable[float] = HEIGHTS_MM
 ) -> Iterator[tuple[str, Estimate, float]]:
     """Yield name, estimate and truth of scale, angle at the origin, and heights at check points.
 
@@ -127,13 +128,13 @@ def compare(
     """
     truth = truth_of(drawn.spec)
     yield "scale", found.camera.scales["mean"], (truth.scale_h + truth.scale_v) / 2
-    yield "angle at the origin", found.angle, truth.angle_origin_deg
+    yield "angle at the origin", found.origin.angle, truth.angle_origin_deg
     # Frames whose first step is off show all phases off alike, an object's as the plate's: it is not an error.
     plate = next(capture.name for capture in drawn.spec.capture if capture.kind == "reference")
-    offset = float(np.nanmean(found.plate_phase_rad - taken.captures[plate].phase))
+    offset = float(np.nanmean(found.plate.unwrapped_rad - taken.captures[plate].phase))
     for z in heights_mm:
         for place, share in PLACES.items():
-            yield f"{z:g} mm, {place}", _height(found.calibration, drawn.spec, share, z, offset), z
+            yield f"{z:g} mm, {place}", _height(found.rig, drawn.spec, share, z, offset), z
 
 
 def _height(

@@ -1,0 +1,51 @@
+from .board_lens import (
+    BoardPicture as BoardPicture,
+)
+from .board_lens import (
+    KnownLens as KnownLens,
+)
+from .board_lens import (
+    LensFindings as LensFindings,
+)
+from .board_lens import (
+    lens_from_pictures as lens_from_pictures,
+)
+from .grid_stage import (
+    CameraFindings as CameraFindings,
+)
+from .grid_stage import (
+    CameraKnowledge as CameraKnowledge,
+)
+from .grid_stage import (
+    camera_from_grid as camera_from_grid,
+)
+from .grid_stage import (
+    demand_possible_height as demand_possible_height,
+)
+from .rig_stage import (
+    Calibrated as Calibrated,
+)
+from .rig_stage import (
+    calibrate_surfaces as calibrate_surfaces,
+)
+from .standards import (
+    CONTRADICTS as CONTRADICTS,
+)
+from .standards import (
+    Standard as Standard,
+)
+from .surfaces import (
+    SURFACE_POINTS as SURFACE_POINTS,
+)
+from .surfaces import (
+    PlateSurface as PlateSurface,
+)
+from .surfaces import (
+    StripSurfaces as StripSurfaces,
+)
+from .surfaces import (
+    plate_surface as plate_surface,
+)
+from .surfaces import (
+    strips_on_plate as strips_on_plate,
+)

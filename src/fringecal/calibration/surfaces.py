@@ -1,0 +1,174 @@
+"""From phase maps to what a rig is fitted to: the plate, then the strips, one surface for each height."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.camera import PlateCamera
+from fringecal.errors import DetectionError, FitError
+from fringecal.phase import PhaseMap, PlateOrders, unwrap
+from fringecal.projector import (
+    MeasuredStep,
+    Observations,
+    OrderDecision,
+    OrderedStrips,
+    StripPhase,
+    explained,
+    measure_strips,
+    order_strips,
+    pick_points,
+)
+from fringecal.targets import Strips
+from fringecal.uncertainty import Estimate
+
+Array = NDArray[np.float64]
+
+SURFACE_POINTS = 16_000  # pixels per surface: more add time, not knowledge, since neighbours share their errors
+_LEAST_POINTS = 100  # pixels of a surface; fewer say nothing beside the others
+_LEAST_OF_A_HEIGHT = 2_000  # pixels drawn of each height, however many heights share `SURFACE_POINTS`
+_LEAST_PLATE = 0.05  # share of the picture that the plate's largest connected piece must cover to hold a model
+
+
+@dataclass(frozen=True)
+class PlateSurface:
+    """The bare plate.
+
+    Parameters
+    ----------
+    phase
+        Its phase map.
+    unwrapped_rad
+        The same, unwrapped over the largest connected piece, rad, NaN elsewhere, (H, W).
+    """
+
+    phase: PhaseMap
+    unwrapped_rad: Array
+
+    @property
+    def noise_rad(self) -> float:
+        """Median standard uncertainty of the phase of one pixel, rad."""
+        return float(np.nanmedian(self.phase.sigma[self.phase.valid]))
+
+    @property
+    def orders(self) -> PlateOrders | None:
+        """How several fringe periods number the plate's fringes; None with one period."""
+        return None if self.phase.orders is None else PlateOrders.of(self.phase.orders, self.unwrapped_rad)
+
+
+@dataclass(frozen=True)
+class StripSurfaces:
+    """The strips on the plate: their phase map, which pixels are which strip, and their absolute phase."""
+
+    phase: PhaseMap
+    target: Strips
+    found: StripPhase
+    ordered: OrderedStrips
+
+
+def plate_surface(phase: PhaseMap) -> PlateSurface:
+    """Unwrap the bare plate's phase over its largest connected piece.
+
+    Parameters
+    ----------
+    phase
+        Phase map of the bare plate.
+
+    Raises
+    ------
+    FitError
+        No connected piece covers enough of the picture.
+    """
+    pieces = unwrap(phase.phase, phase.valid)
+    sizes = np.bincount(pieces.pieces.ravel())
+    sizes[0] = 0
+    if sizes.max(initial=0) < _LEAST_PLATE * pieces.pieces.size:
+        raise FitError("The bare plate's phase hangs together nowhere: shadows or dirt cut the fringes up.")
+    return PlateSurface(phase, np.where(pieces.pieces == int(np.argmax(sizes)), pieces.phase, np.nan))
+
+
+def strips_on_plate(
+    plate: PlateSurface,
+    phase: PhaseMap,
+    target: Strips,
+    camera: PlateCamera,
+    *,
+    projector_mm: Array | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> StripSurfaces:
+    """Find the strips by the phase that they add to the plate's, and decide their fringe order.
+
+    Parameters
+    ----------
+    plate
+        The bare plate.
+    phase
+        Phase map of the plate with strips on it.
+    target
+        Count, width, gap and height of the strips.
+    camera
+        The camera on the plate.
+    projector_mm
+        Stated position of the projector's pupil, plate frame, mm, (3,).
+    progress
+        Called with a short sentence before each step.
+
+    Raises
+    ------
+    DetectionError
+        The strips do not show; where the stated projector explains that, with the reason.
+    FitError
+        Something moved between the two captures, or the fringe order stays open.
+    """
+    try:
+        found = measure_strips(plate.phase, phase, target, camera)
+    except DetectionError as error:
+        height = float(np.mean(target.height_mm.array(target.count)))
+        raise explained(error, plate.unwrapped_rad, camera, height, projector_mm) from error
+    progress("fringe order of the strips")
+    ordered = order_strips(
+        plate.unwrapped_rad,
+        found,
+        camera,
+        projector_mm=projector_mm,
+        measured=measured_step(phase, plate.phase),
+    )
+    return StripSurfaces(phase, target, found, ordered)
+
+
+def measured_step(above: PhaseMap, plate: PhaseMap) -> MeasuredStep | None:
+    """Return the phase over the bare plate's as several fringe periods give it; None with one period."""
+    if above.orders is None or plate.orders is None or above.orders.cycle != plate.orders.cycle:
+        return None
+    tie = PlateOrders.of(plate.orders, plate.orders.phase)
+    number = None if tie is None else tie.number_for(above.orders)
+    if number is None:
+        return None
+    return MeasuredStep(above.orders.phase.astype(float) + 2 * np.pi * number - plate.orders.phase, above.orders.cycle)
+
+
+def observe_surfaces(plate: PlateSurface, strips: StripSurfaces) -> tuple[Observations, dict[float, OrderDecision]]:
+    """Draw pixels of plate and strips, one surface for each height, and return the order decided for each height."""
+    picked = [_picked(np.isfinite(plate.unwrapped_rad), plate.unwrapped_rad)]
+    heights = [Estimate(0.0, 0.0, "mm", "plate")]
+    orders: dict[float, OrderDecision] = {}
+    found, ordered = strips.found, strips.ordered
+    groups = ordered.groups(found)
+    for height, labels in groups.items():
+        inside = np.isin(found.regions.labels, labels) & np.isfinite(ordered.phase_rad)
+        if np.count_nonzero(inside) >= _LEAST_POINTS:
+            orders[height] = ordered.decision
+            number = max(SURFACE_POINTS // len(groups), _LEAST_OF_A_HEIGHT)
+            picked.append(_picked(inside, ordered.phase_rad, number=number))
+            heights.append(found.heights_mm[ordered.items[labels[0] - 1]])
+    u, v, phase, cluster = (tuple(column) for column in zip(*picked, strict=True))
+    return Observations(u, v, phase, cluster, tuple(heights)), orders
+
+
+type Picked = tuple[Array, Array, Array, NDArray[np.intp]]
+
+
+def _picked(inside: NDArray[np.bool_], phase: Array, *, number: int = SURFACE_POINTS) -> Picked:
+    u, v, cluster = pick_points(inside, number)
+    return u, v, phase[v.astype(int), u.astype(int)], cluster
