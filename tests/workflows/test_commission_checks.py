@@ -73,13 +73,11 @@ def test_a_bump_that_no_model_holds_is_the_plates_form(found):
     plate = result.plate.unwrapped_rad
     shape = plate.shape
     ripple = 0.02 * np.sin(2 * np.pi * np.arange(shape[1]) / 96)[None, :]
-    bent = plate_repeats(
-        found.calibrated.reference, found.calibrated.result.plate.unwrapped_rad + ripple, found.calibrated.result.rig
-    )
+    bent = plate_repeats(reference, plate + ripple, result.rig)
     flat = found.repeats
     scale = bent.form_mm.value / 1.0
     per_rad = scale / np.sqrt(np.mean(np.sinc(16 / 96) ** 2 * ripple**2))  # a block of 16 px averages the ripple
-    slope = abs(float(found.calibrated.result.rig.model.gradient(0.0, 0.0)[2]))
+    slope = abs(float(result.rig.model.gradient(0.0, 0.0)[2]))
     assert per_rad * slope == pytest.approx(1.0, rel=0.03)
     assert flat.form_mm.value < 0.15 * bent.form_mm.value
     tight = Limits.model_validate({"format": 1, "commission": {"plate_form_mm": 1e-6}})
