@@ -3,7 +3,13 @@ from .report import (
 )
 from .run import (
     DemoTruth as DemoTruth,
+)
+from .run import (
     demonstrate as demonstrate,
+)
+from .run import (
     read_real as read_real,
+)
+from .run import (
     result_table as result_table,
 )

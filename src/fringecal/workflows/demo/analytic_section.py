@@ -5,11 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from fringecal.report import FigureItem, Layer, Live, Section, Table, analytic_overview, readable_plate, surface_view
 from fringecal.thesis import ANGLES_DEG, AnalyticCase
-from fringecal.report import analytic_overview
-from fringecal.report import surface_view
-from fringecal.report import Layer, readable_plate
-from fringecal.report import FigureItem, Live, Section, Table
 
 _WORDS = (
     "Three cosine images of a rectangle and of a zig-zag on a flat background, amplitude 127.5, are drawn by formula, "

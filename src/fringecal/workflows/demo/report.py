@@ -6,15 +6,22 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
-from fringecal.thesis import AnalyticCase
-from fringecal.workflows.demo.run import THESIS, Demonstration, RealCapture
-from fringecal.workflows.demo.analytic_section import analytic_section
-from fringecal.workflows.shared import height_item, readable_surface, surface_item
 from fringecal.records import software_versions
-from fringecal.report import phase_overview
-from fringecal.report import profile_plot
-from fringecal.report import comparison_bars
-from fringecal.report import Fact, FigureItem, Report, Section, Table, Verdict
+from fringecal.report import (
+    Fact,
+    FigureItem,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    comparison_bars,
+    phase_overview,
+    profile_plot,
+)
+from fringecal.thesis import AnalyticCase
+from fringecal.workflows.demo.analytic_section import analytic_section
+from fringecal.workflows.demo.run import THESIS, Demonstration, RealCapture
+from fringecal.workflows.shared import height_item, readable_surface, surface_item
 
 _REPORTS = "The full reports lie beside this one: calibration/report.html, verification/report.html, leaf/report.html."
 

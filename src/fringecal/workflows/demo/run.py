@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from fringecal.phase import FringePeriod, fringe_period
 from fringecal.calibration import Calibrated
-from fringecal.workflows.commission import calibrate_session
-from fringecal.workflows.shared import CapturePhase, phase_of_capture
-from fringecal.workflows.reconstruct import Measurement, reconstruct
-from fringecal.workflows.verify import Verification, verify
+from fringecal.phase import FringePeriod, fringe_period
 from fringecal.session import Session
+from fringecal.workflows.commission import calibrate_session
+from fringecal.workflows.reconstruct import Measurement, reconstruct
+from fringecal.workflows.shared import CapturePhase, phase_of_capture
+from fringecal.workflows.verify import Verification, verify
 
 Progress = Callable[[str], None]
 
