@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "build" / "pages"
 PATTERNS = (
     *("README.md", "CHANGELOG.md", "LICENSE"),
-    *("docs/*.md", "docs/*.toml", "docs/images/*", "procedures/**/*", "targets/*"),
+    *("docs/**/*.md", "docs/*.toml", "docs/images/*", "procedures/**/*", "targets/*"),
 )
 
 COMMANDS = """# Commands
@@ -62,9 +62,10 @@ def procedure_page(text: str) -> str:
 
 
 def room_page(room: Path) -> str:
-    """One section per module of a room, from its docstrings."""
-    modules = sorted(path.stem for path in room.glob("*.py") if path.stem not in ("__init__", "kernels"))
-    return f"# {room.name}\n\n" + "\n".join(f"::: fringecal.{room.name}.{module}\n" for module in modules)
+    """One section per module of a room and of its folders, from its docstrings."""
+    files = sorted(path for path in room.rglob("*.py") if path.stem != "__init__" and not path.stem.endswith("kernels"))
+    modules = (".".join(path.relative_to(room.parent).with_suffix("").parts) for path in files)
+    return f"# {room.name}\n\n" + "\n".join(f"::: fringecal.{module}\n" for module in modules)
 
 
 def commands_page() -> str:

@@ -23,6 +23,6 @@ def test_the_site_builds_without_a_warning(tmp_path):
     ):
         done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, env=environment)
         assert done.returncode == 0, done.stderr
-    for page in [*(ROOT / "docs").glob("*.md"), *(ROOT / "procedures").glob("*.md")]:
+    for page in [*(ROOT / "docs").rglob("*.md"), *(ROOT / "procedures").glob("*.md")]:
         name = "index.html" if page.name == "README.md" else f"{page.stem}.html"
-        assert (site / page.parent.name / name).is_file()
+        assert (site / page.relative_to(ROOT).with_name(name)).is_file()

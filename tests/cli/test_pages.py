@@ -30,6 +30,7 @@ PAGES = [
     "README.md",
     *(f"procedures/{path.name}" for path in sorted((ROOT / "procedures").glob("*.md"))),
     *(f"docs/{path.name}" for path in sorted((ROOT / "docs").glob("*.md")) if path.name != "tutorial.md"),
+    *(f"docs/theory/{path.name}" for path in sorted((ROOT / "docs" / "theory").glob("*.md"))),
     "targets/README.md",
 ]
 PROGRAMS = ("fringecal", "make", "python", "pytest", "pip", "bash", "apt-get")
