@@ -42,7 +42,7 @@ PLAIN = set(
     none not note now number obeys object of old older on one only or origin other otherwise out outside over
     own page part pass per percent periodic picture piece possible power predicted prediction probably program
     published purpose rad rank read reading real reason refused report result room row run same say second see
-    seen service session several sha share side since small smallest smooth so software state statement status
+    seen service session several sha share side since small smallest smooth so software space state statement status
     still store such table taken temperature term tested than that the their them there these thesis they thing
     this those three through time times to today together too top true turning tutorial twenty two under up use
     used usual verdict version vertical was way what when where whether which who whole whose why will with
