@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 import uncertainties
 
-from fringecal.uncertainty.conformity import en_score, zeta_score
 from fringecal.uncertainty.estimates import Estimate
 from fringecal.uncertainty.propagation import (
     DofWarning,
-    effective_dof,
+    correlated_dof,
     jacobian,
     propagate,
     propagate_covariance,
@@ -132,8 +131,8 @@ def test_h2_dof_of_simultaneous_readings():
 def test_correlated_inputs_of_different_dof_warn_and_never_become_infinite():
     covariance = [[1.0, 0.5], [0.5, 1.0]]
     with pytest.warns(DofWarning, match="smallest is taken"):
-        assert effective_dof([1.0, 1.0], covariance, [4, 9]) == pytest.approx(4)
-    assert effective_dof([1.0, 1.0], covariance, [math.inf, math.inf]) == math.inf
+        assert correlated_dof([1.0, 1.0], covariance, [4, 9]) == pytest.approx(4)
+    assert correlated_dof([1.0, 1.0], covariance, [math.inf, math.inf]) == math.inf
 
 
 # H.3, thermometer
@@ -202,10 +201,3 @@ def test_wrong_covariance_is_refused():
     for wrong in (np.eye(3), [[1, 2], [3, 4]]):
         with pytest.raises(ValueError, match="symmetric covariance"):
             propagate(lambda x: x[0] + x[1], inputs, covariance=wrong)
-
-
-def test_scores():
-    assert en_score(100.10, 100.02, 0.05, 0.03) == pytest.approx(1.372, abs=5e-4)
-    assert zeta_score(100.10, 100.02, 0.025, 0.015) == pytest.approx(2 * 1.372, abs=1e-3)  # k = 2
-    with pytest.raises(ValueError, match="uncertainty greater than 0"):
-        en_score(1.0, 2.0, 0.0, 0.0)

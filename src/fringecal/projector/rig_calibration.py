@@ -17,7 +17,7 @@ from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.phase import PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
 from fringecal.projector.rig_model import RIG_NAMES, PlateResidual, RigModel, projector_point
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, effective_dof
 
 Array = NDArray[np.float64]
 
@@ -94,18 +94,15 @@ class RigCalibration:
     ) -> tuple[Estimate, dict[str, float]]:
         """Return a quantity's estimate and its budget: the signed change under each cause.
 
-        Effects of modes of one label are added in quadrature; degrees of freedom by Welch and Satterthwaite
-        (JCGM 100:2008, G.2b).
+        Effects of modes of one label are added in quadrature; degrees of freedom by `effective_dof`.
         """
         base = quantity(self)
         changes = self.changes(quantity)
         budget: dict[str, float] = {}
         for mode, change in zip(self.modes, changes, strict=True):
             budget[mode.label] = math.hypot(budget.get(mode.label, 0.0), float(change))
-        variance = float(changes @ changes)
-        finite = sum(c**4 / m.dof for m, c in zip(self.modes, changes, strict=True) if math.isfinite(m.dof))
-        dof = variance**2 / finite if finite > 0 else math.inf
-        return Estimate(base, math.sqrt(variance), unit, label, dof), budget
+        dof = effective_dof(changes, [mode.dof for mode in self.modes])
+        return Estimate(base, math.sqrt(float(changes @ changes)), unit, label, dof), budget
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,14 @@ from .conformity import (
 from .coverage import (
     wilson_interval as wilson_interval,
 )
+from .degrees_of_freedom import (
+    effective_dof as effective_dof,
+)
 from .estimates import (
     Estimate as Estimate,
+)
+from .estimates import (
+    coverage_factor as coverage_factor,
 )
 from .repeatability import (
     Line as Line,
@@ -21,6 +27,15 @@ from .rounding import (
 )
 from .rounding import (
     value_text as value_text,
+)
+from .scores import (
+    EN_DEFINITION as EN_DEFINITION,
+)
+from .scores import (
+    EXPANDED_BY as EXPANDED_BY,
+)
+from .scores import (
+    en_score as en_score,
 )
 from .systematic import (
     combined_map as combined_map,

@@ -1,4 +1,4 @@
-"""Conformity with a tolerance (JCGM 106, ISO 14253-1): probability, guard band, decision, risks, scores."""
+"""Conformity with a tolerance (JCGM 106, ISO 14253-1): probability, guard band, decision, risks."""
 
 import math
 from dataclasses import dataclass
@@ -112,22 +112,6 @@ def guard_band(u: float, *, tolerance: float = math.inf, level: float = 0.95) ->
     return u * (low if excess(low) >= 0 else float(optimize.brentq(excess, low, width / 2, xtol=1e-12)))
 
 
-def en_score(x: float, reference: float, expanded_x: float, expanded_reference: float) -> float:
-    """Normalised error ``(x - X) / sqrt(U_x^2 + U_X^2)``, U EXPANDED; |En| <= 1 agrees (ISO 13528).
-
-    Examples
-    --------
-    >>> round(en_score(100.10, 100.02, 0.05, 0.03), 3)
-    1.372
-    """
-    return _score(x - reference, expanded_x, expanded_reference)
-
-
-def zeta_score(x: float, reference: float, u_x: float, u_reference: float) -> float:
-    """Zeta score, as En but of STANDARD uncertainties; beyond 2 doubtful, beyond 3 wrong (ISO 13528)."""
-    return _score(x - reference, u_x, u_reference)
-
-
 def global_risks(
     prior_mean: float, prior_sd: float, u: float, *, lower: float, upper: float, guard: float = 0.0
 ) -> GlobalRisks:
@@ -166,10 +150,3 @@ def global_risks(
 def _check(u: float, lower: float, upper: float) -> None:
     if not u >= 0 or not lower < upper:
         raise ValueError(f"u >= 0 and lower < upper are needed, found u {u:g}, limits {lower:g} .. {upper:g}")
-
-
-def _score(difference: float, first: float, second: float) -> float:
-    spread = math.hypot(first, second)
-    if not spread > 0:
-        raise ValueError("a score needs an uncertainty greater than 0 on one side at least")
-    return difference / spread

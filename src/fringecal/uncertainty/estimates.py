@@ -5,6 +5,23 @@ from dataclasses import dataclass
 
 from scipy.special import ndtri, stdtrit  # scipy.stats gives the same and takes ten times as long to load
 
+COVERAGE = 0.95
+"""Coverage probability of every expanded uncertainty that is stated anywhere."""
+
+
+def coverage_factor(dof: float = math.inf, coverage: float = COVERAGE) -> float:
+    """Return the coverage factor k: Student's t for the degrees of freedom, normal where they are infinite.
+
+    Two-sided, ``k = t_p(nu)`` (JCGM 100:2008, G.3 and table G.2).
+
+    Examples
+    --------
+    >>> [round(coverage_factor(dof), 3) for dof in (5, 30, math.inf)]
+    [2.571, 2.042, 1.96]
+    """
+    level = 0.5 + coverage / 2
+    return float(stdtrit(dof, level) if math.isfinite(dof) else ndtri(level))
+
 
 @dataclass(frozen=True)
 class Expanded:
@@ -43,16 +60,15 @@ class Estimate:
     label: str = ""
     dof: float = math.inf
 
-    def expanded(self, coverage: float = 0.95) -> Expanded:
-        """Expand by Student's t for the stated degrees of freedom (JCGM 100:2008, G.3)."""
-        level = 0.5 + coverage / 2
-        k = float(stdtrit(self.dof, level) if math.isfinite(self.dof) else ndtri(level))
+    def expanded(self, coverage: float = COVERAGE) -> Expanded:
+        """Expand by the coverage factor for the stated degrees of freedom."""
+        k = coverage_factor(self.dof, coverage)
         return Expanded(k * self.u, k, coverage)
 
     @property
     def interval_95(self) -> tuple[float, float]:
         """Bounds of the 95 % coverage interval, symmetric about the value."""
-        half = self.expanded(0.95).U
+        half = self.expanded().U
         return self.value - half, self.value + half
 
     def __str__(self) -> str:

@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
 from fringecal.uncertainty.budgets import Budget, budget
+from fringecal.uncertainty.degrees_of_freedom import effective_dof
 from fringecal.uncertainty.estimates import Estimate
 
 Floats = NDArray[np.float64]
 Model = Callable[[NDArray], ArrayLike]
-
-_DOF_RULES = ("interpolated", "truncated")
 
 
 class DofWarning(UserWarning):
@@ -103,7 +102,7 @@ def propagate(
     """Propagate estimates through a scalar model to first order, and account for each of them.
 
     ``u^2 = c C c^T`` with c the derivatives at the estimates (JCGM 100:2008, eq. 13 and 16).
-    Degrees of freedom: `effective_dof`.
+    Degrees of freedom: `correlated_dof`.
 
     Parameters
     ----------
@@ -134,7 +133,7 @@ def propagate(
     scale = np.sqrt(np.diag(matrix))
     c = jacobian(model, x, u=scale, method=method) if sensitivities is None else np.asarray(sensitivities, float)
     u_result = math.sqrt(max(float(c @ matrix @ c), 0.0))
-    dof = effective_dof(c, matrix, [item.dof for item in inputs], rule=dof_rule)
+    dof = correlated_dof(c, matrix, [item.dof for item in inputs], rule=dof_rule)
     result = Estimate(float(np.asarray(model(x))), u_result, unit=unit, label=label, dof=dof)
     return budget(result, inputs, c, covariance=matrix)
 
@@ -156,14 +155,14 @@ def propagate_covariance(
     return np.atleast_1d(np.asarray(model(point), float)), c @ matrix @ c.T
 
 
-def effective_dof(
+def correlated_dof(
     sensitivities: ArrayLike, covariance: ArrayLike, dof: Sequence[float], *, rule: str = "interpolated"
 ) -> float:
-    """Welch-Satterthwaite degrees of freedom, ``u^4 / sum (u_g^4 / nu_g)`` (JCGM 100:2008, eq. G.2b).
+    """Return `effective_dof` of inputs that may be correlated.
 
-    The formula wants independent terms. Inputs correlated among themselves and of one and the same dof,
-    as means of repeated simultaneous readings are, count as one term g. Correlated inputs of different
-    dof are covered by no rule: the smallest is taken for the group, with a `DofWarning`.
+    Inputs correlated among themselves and of one and the same dof, as means of repeated simultaneous readings are,
+    count as one contribution. Correlated inputs of different dof are covered by no rule: the smallest is taken for the
+    group, with a `DofWarning`.
 
     Parameters
     ----------
@@ -172,19 +171,11 @@ def effective_dof(
     rule
         "interpolated" or "truncated".
     """
-    if rule not in _DOF_RULES:
-        raise ValueError(f"rule {rule!r} is not one of {_DOF_RULES}")
     c, matrix = np.asarray(sensitivities, float), np.asarray(covariance, float)
-    total = float(c @ matrix @ c)
-    spread = 0.0
-    for group in _correlated_groups(matrix):
-        part = float(c[group] @ matrix[np.ix_(group, group)] @ c[group])
-        nu = _group_dof([dof[i] for i in group])
-        spread += 0.0 if math.isinf(nu) else part**2 / nu
-    if spread == 0.0:
-        return math.inf
-    nu = total**2 / spread
-    return float(math.floor(nu * (1 + 1e-12))) if rule == "truncated" else nu
+    groups = _correlated_groups(matrix)
+    variances = [float(c[group] @ matrix[np.ix_(group, group)] @ c[group]) for group in groups]
+    contributions = np.sqrt(np.maximum(variances, 0.0))
+    return effective_dof(contributions, [_group_dof([dof[i] for i in group]) for group in groups], rule=rule)
 
 
 def second_order(model: Model, inputs: Sequence[Estimate], *, covariance: ArrayLike | None = None) -> SecondOrder:

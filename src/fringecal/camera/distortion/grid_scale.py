@@ -10,7 +10,7 @@ from scipy import special
 
 from fringecal.detect import Family, GridDetection
 from fringecal.errors import DetectionError
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, effective_dof
 
 Array = NDArray[np.float64]
 
@@ -163,10 +163,9 @@ def _mean(horizontal: Estimate, vertical: Estimate, pitch_mm: Estimate) -> Estim
 
 
 def _combined(value: float, first: tuple[float, float], second: tuple[float, float], label: str) -> Estimate:
-    """Combine two contributions (u, dof) by root sum of squares and Welch-Satterthwaite (JCGM 100, G.2b)."""
-    u = math.hypot(first[0], second[0])
-    weight = sum(part**4 / dof for part, dof in (first, second) if math.isfinite(dof))
-    return Estimate(value, u, "mm/px", label, u**4 / weight if weight > 0 else math.inf)
+    """Combine two contributions (u, dof) by root sum of squares."""
+    contributions, dof = zip(first, second, strict=True)
+    return Estimate(value, math.hypot(*contributions), "mm/px", label, effective_dof(contributions, dof))
 
 
 def _errors(table: pd.DataFrame, factor_mm_per_px: float) -> pd.DataFrame:

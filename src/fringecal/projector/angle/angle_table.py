@@ -18,10 +18,11 @@ from fringecal.projector.angle.projection_angle import (
     theoretical_angle,
 )
 from fringecal.projector.rig_calibration import RigCalibration
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, effective_dof, en_score
 
 Array = NDArray[np.float64]
 Axis = Literal["u", "v"]
+Effect = tuple[float, float]  # contribution to u, deg, and its degrees of freedom
 
 _MIN_BREAKS = 4
 _PLACES = 9  # columns or rows along strips
@@ -55,10 +56,8 @@ class ColumnAngle:
 
     @property
     def en(self) -> float | None:
-        """Difference over the root sum of squares of the two expanded uncertainties (95 %)."""
-        if self.theory is None or self.difference_deg is None:
-            return None
-        return self.difference_deg / math.hypot(self.angle.expanded().U, self.theory.expanded().U)
+        """Measured against theoretical angle, `en_score`; None without theory."""
+        return None if self.theory is None else en_score(self.angle, self.theory)
 
 
 def axis_angles(
@@ -98,12 +97,12 @@ def axis_angles(
     near = [(np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced) for place in places_px]
     kept = [(float(p), n) for p, n in zip(places_px, near, strict=True) if np.count_nonzero(n) >= _MIN_BREAKS]
     points = [point_on_axis(calibration.camera, place, axis) for place, _ in kept]
-    shared = _shared_u_deg(calibration, points)
+    shared = _shared_effects(calibration, points)
     rows = []
-    for (place, some), point, u_deg in zip(kept, points, shared, strict=True):
+    for (place, some), point, effects in zip(kept, points, shared, strict=True):
         offset = clustered_mean(reduced[some], cluster[some])
         seen = int(np.count_nonzero(some)), float(np.mean(breaks.shift_px[some])), float(np.mean(breaks.shift_mm[some]))
-        row = _Row(place, axis, point, seen, offset, float(u_deg))
+        row = _Row(place, axis, point, seen, offset, effects)
         rows.append(_tabulated(calibration, row, projector))
     return tuple(rows)
 
@@ -140,22 +139,25 @@ def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
 
 @dataclass(frozen=True)
 class _Row:
-    """What one row is made of: place, point on the line, breaks and mean shifts, offset of the breaks, shared u."""
+    """What one row is made of: place, point on the line, breaks and mean shifts, offset of the breaks.
+
+    `shared` are the contributions (u in deg, degrees of freedom) of the causes that all breaks share.
+    """
 
     place_px: float
     axis: Axis
     point_mm: tuple[float, float]
     seen: tuple[int, float, float]
     offset: tuple[float, float, float]
-    shared_u_deg: float
+    shared: tuple[Effect, ...]
 
 
 def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> ColumnAngle:
     x, y = row.point_mm
     tangent = float(projection_tangent(calibration.model, x, y))
     mean, u, dof = row.offset
-    scatter_deg = math.degrees(u / (1 + tangent**2))
-    angle = _with_causes(math.degrees(math.atan(tangent + mean)), scatter_deg, dof, row.shared_u_deg)
+    scatter = math.degrees(u / (1 + tangent**2)), dof
+    angle = _with_causes(math.degrees(math.atan(tangent + mean)), (scatter, *row.shared))
     apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + mean
     stated = () if projector is None else (calibration.model, projector)
     breaks, shift_px, shift_mm = row.seen
@@ -173,19 +175,20 @@ def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosit
     )
 
 
-def _shared_u_deg(calibration: RigCalibration, points_mm: list[tuple[float, float]]) -> Array:
-    """Return u of the angle in deg at each point by the causes that all breaks share."""
+def _shared_effects(calibration: RigCalibration, points_mm: list[tuple[float, float]]) -> list[tuple[Effect, ...]]:
+    """Return for each point what the causes that all breaks share contribute to u of its angle."""
     x, y = np.array(points_mm).reshape(-1, 2).T
-    changes = calibration.changes(lambda c: projection_angle(c.model, x, y))
-    shared = [mode.label != SCATTER for mode in calibration.modes]
-    return np.asarray(np.degrees(np.linalg.norm(changes[shared], axis=0)))
+    changes = np.degrees(calibration.changes(lambda c: projection_angle(c.model, x, y)))
+    modes = zip(calibration.modes, changes, strict=True)
+    shared = [(change, mode.dof) for mode, change in modes if mode.label != SCATTER]
+    return [tuple((abs(float(change[i])), dof) for change, dof in shared) for i in range(len(points_mm))]
 
 
-def _with_causes(value_deg: float, scatter_deg: float, dof: float, shared_deg: float) -> Estimate:
-    """Join the breaks' own scatter with the causes that all breaks share; degrees of freedom by Welch-Satterthwaite."""
-    u = math.hypot(scatter_deg, shared_deg)
-    effective = dof * (u / scatter_deg) ** 4 if scatter_deg > 0 else math.inf
-    return Estimate(value_deg, u, "deg", "projection angle", effective)
+def _with_causes(value_deg: float, effects: tuple[Effect, ...]) -> Estimate:
+    """Join the breaks' own scatter with the causes that all breaks share."""
+    contributions, dof = zip(*effects, strict=True)
+    u = float(np.linalg.norm(contributions))
+    return Estimate(value_deg, u, "deg", "projection angle", effective_dof(contributions, dof))
 
 
 def point_on_axis(camera: PlateCamera, place_px: float, axis: Axis = "u") -> tuple[float, float]:
