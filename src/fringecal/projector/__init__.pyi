@@ -118,6 +118,9 @@ from .rig_calibration import (
 from .rig_calibration import (
     calibrate_rig as calibrate_rig,
 )
+from .rig_kernels import (
+    foot_of_ray as foot_of_ray,
+)
 from .rig_model import (
     RIG_NAMES as RIG_NAMES,
 )

@@ -4,6 +4,18 @@ import numpy as np
 from numba import njit, prange
 
 
+@njit(inline="always")
+def foot_of_ray(x, y, z, projector):  # type: ignore[no-untyped-def]
+    """Where the ray from a projector at a finite place through a point ends on the plate: x and y, in the units given.
+
+    With P the projector and X the point, the ray P + s (X - P) meets z = 0 at X + (X - P) z / (P_z - z). Python calls
+    it as `fringecal.projector.rig_model.foot_on_plate`. Compiled loops take it in, and numba does not look into other
+    files for changes: who changes it deletes the compiled files of `reconstruct` in its `__pycache__`.
+    """
+    stretch = z / (projector[2] - z)
+    return x + (x - projector[0]) * stretch, y + (y - projector[1]) * stretch
+
+
 @njit(cache=True, inline="always")
 def _residual(x, y, grid, box):  # type: ignore[no-untyped-def]
     """Chebyshev sum over a box by the recurrence T(n+1) = 2 s T(n) - T(n-1), clamped to the box."""
@@ -57,7 +69,5 @@ def height_at(phase, ax, ay, bx, by, rig, projector, grid, box, rounds, out):  #
             x, y = ax[k] + bx[k] * z, ay[k] + by[k] * z
             fx, fy = x, y
             if lifted:
-                stretch = z / (projector[2] - z)
-                fx = x + (x - projector[0]) * stretch
-                fy = y + (y - projector[1]) * stretch
+                fx, fy = foot_of_ray(x, y, z, projector)
         out[k] = z

@@ -114,12 +114,7 @@ class RigModel:
 
     def foot(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """Return where the projector's ray through a point meets the plate."""
-        x, y, z = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm))
-        px, py, pz = self.projector_mm
-        if not np.isfinite(pz):
-            return x, y
-        stretch = z / (pz - z)
-        return x + (x - px) * stretch, y + (y - py) * stretch
+        return foot_on_plate(x_mm, y_mm, z_mm, self.projector_mm)
 
     def phase(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike = 0.0) -> Array:
         """Return the phase in rad at points of the plate frame."""
@@ -157,6 +152,29 @@ class RigModel:
         """Return the same model with other numbers; the projector follows them."""
         model = replace(self, parameters=np.asarray(parameters, float))
         return replace(model, projector_mm=projector_point(model.parameters, near=self.projector_mm))
+
+
+def foot_on_plate(x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike, projector_mm: ArrayLike) -> tuple[Array, Array]:
+    """Return where the ray from the projector through a point meets the plate (z = 0).
+
+    `X + (X - P) z / (P_z - z)` with P the projector. A projector at infinity gives the point's own x and y: its light
+    has a direction that its place does not tell.
+
+    Parameters
+    ----------
+    x_mm, y_mm, z_mm
+        Points of the plate frame.
+    projector_mm
+        The projector's position (x, y, z).
+
+    Examples
+    --------
+    >>> x, y = foot_on_plate(10.0, 0.0, 50.0, [-1000.0, 0.0, 1000.0])
+    >>> round(float(x), 6), float(y)
+    (63.157895, 0.0)
+    """
+    x, y, z, projector = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm, projector_mm))
+    return kernels.foot_of_ray.py_func(x, y, z, projector) if np.isfinite(projector[2]) else (x, y)
 
 
 def projector_line(parameters: Array) -> tuple[Array, Array]:

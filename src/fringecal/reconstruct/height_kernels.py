@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from fringecal.projector import foot_of_ray
+
 _FAST = {"contract", "nsz"}  # NaN marks masked pixels and must survive
 _TWO_PI = 2 * np.pi
 _STRIP = 256  # pixels of a row taken at a time: fourteen buffers of this length stay in a 32 KiB first-level cache
@@ -137,8 +139,7 @@ def _heights(rig, rays, phi, buffers, z, slope):  # type: ignore[no-untyped-def]
     ax, ay, bx, by = rays[0], rays[1], rays[2], rays[3]
     rho, fx, fy, work = buffers[0], buffers[1], buffers[2], buffers[3:]
     nx, ny, nz, n0, dx, dy, dz = rig.ratio
-    px, py, pz = rig.projector
-    lifted = np.isfinite(pz)
+    lifted = np.isfinite(rig.projector[2])
     rounds = _ROUNDS if rig.residual.size else 0
     for number in range(rounds + 1):
         for j in range(phi.size):
@@ -151,9 +152,9 @@ def _heights(rig, rays, phi, buffers, z, slope):  # type: ignore[no-untyped-def]
         if number < rounds:
             for j in range(phi.size):
                 x, y = ax[j] + bx[j] * z[j], ay[j] + by[j] * z[j]
-                stretch = z[j] / (pz - z[j]) if lifted else 0.0
-                fx[j] = x + (x - px) * stretch if lifted else x
-                fy[j] = y + (y - py) * stretch if lifted else y
+                foot_x, foot_y = foot_of_ray(x, y, z[j], rig.projector)
+                fx[j] = foot_x if lifted else x
+                fy[j] = foot_y if lifted else y
             _plate_residual(fx, fy, rig, work, rho)
 
 

@@ -11,7 +11,7 @@ from fringecal.camera import Rays
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.plate_model import plate_model
 from fringecal.projector.projector_line import angle_at_origin, line_in_profile, off_axis_deg
-from fringecal.projector.rig_model import RigModel, projector_point
+from fringecal.projector.rig_model import RigModel, foot_on_plate, projector_point
 
 Array = NDArray[np.float64]
 
@@ -225,6 +225,4 @@ def _predicted(plate: RigModel, strips: PhasePoints, projector_mm: Array) -> Arr
 
     The phase on the plate is known; along a ray from the projector it does not change.
     """
-    x, y = strips.rays.at(strips.z_mm)
-    stretch = strips.z_mm / (projector_mm[2] - strips.z_mm)
-    return plate.phase(x + (x - projector_mm[0]) * stretch, y + (y - projector_mm[1]) * stretch, 0.0)
+    return plate.phase(*foot_on_plate(*strips.rays.at(strips.z_mm), strips.z_mm, projector_mm), 0.0)

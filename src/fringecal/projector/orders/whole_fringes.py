@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
 from fringecal.errors import DetectionError
+from fringecal.projector.rig_model import foot_on_plate
 
 Array = NDArray[np.float64]
 
@@ -51,8 +52,8 @@ def explained(
 def predicted_turns(plate_phase: Array, camera: PlateCamera, height_mm: float, projector_mm: Array) -> Array:
     """Return by how many periods strips of a height shift the fringes, at samples of the field.
 
-    Along a ray of the projector the phase does not change: on a top at X it is the plate's at
-    `X + (X - P) h / (P_z - h)`. The plate's phase is taken as a polynomial of degree 2 in x and y.
+    Along a ray of the projector the phase does not change: on a top it is the plate's at the ray's foot. The plate's
+    phase is taken as a polynomial of degree 2 in x and y.
     """
     height, width = plate_phase.shape
     v, u = (a.ravel() for a in np.mgrid[0 : height - 1 : _SIDE * 1j, 0 : width - 1 : _SIDE * 1j])
@@ -61,9 +62,7 @@ def predicted_turns(plate_phase: Array, camera: PlateCamera, height_mm: float, p
     if np.count_nonzero(good) < 12:
         return np.zeros(0)
     rays = camera.rays(u[good], v[good])
-    x, y = rays.at(height_mm)
-    stretch = height_mm / (projector_mm[2] - height_mm)
-    foot = _terms(x + (x - projector_mm[0]) * stretch, y + (y - projector_mm[1]) * stretch)
+    foot = _terms(*foot_on_plate(*rays.at(height_mm), height_mm, projector_mm))
     plate = _terms(rays.ax, rays.ay)
     solution, *_ = np.linalg.lstsq(plate, phase[good], rcond=None)
     return np.asarray((foot - plate) @ solution / (2 * np.pi))
