@@ -20,10 +20,10 @@ from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
-HEIGHTS_MM = (5.0, 20.0, 50.0)  # asked for by default
-_POINTS = 2_000  # of a surface: enough for a forecast
-_FIELD = 0.9  # share of the picture's sides that a flat or strips reach
-_WORTH = 0.9  # a fall of the uncertainty to more than this is not worth an artefact
+HEIGHTS_MM = (5.0, 20.0, 50.0)  # asked for by default: near the strips' own, and well above it
+_POINTS = 2_000  # of a surface; the covariance comes from blocks of pixels, so that more only take longer
+_FIELD = 0.9  # share of the picture's sides that a flat or strips reach: a bench leaves a rim
+_WORTH = 0.9  # uncertainty after over before; a fall by less than a tenth is not worth another artefact
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Proposal:
     extent: float
 
 
-#: What a bench has at hand; u is that of a good micrometer.
+#: What a bench has at hand; u, mm, is that of a good micrometer.
 PROPOSALS = (
     Proposal("a step block of 30 mm", (30.0,), 0.005, 0.15),
     Proposal("strips of 10 mm over the field", (10.0,), 0.005, _FIELD),

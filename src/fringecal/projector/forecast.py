@@ -11,7 +11,8 @@ from fringecal.projector.rig_calibration import RigCalibration
 
 Array = NDArray[np.float64]
 
-_NODES = 9  # along each side of the picture
+_NODES = 9  # along each side of the picture: a forecast is as smooth over the field as the rig's few parameters
+_RIM = 0.02  # share of a side left out at its ends, where an object's rim would lie
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ def forecast_height(
         Greatest height that the rig was fitted to: above it, scatter of phase is called extrapolation.
     """
     camera = calibration.camera
-    v, u = (np.rint(np.linspace(0.02, 0.98, _NODES) * (n - 1)) for n in (camera.height_px, camera.width_px))
+    v, u = (np.rint(np.linspace(_RIM, 1 - _RIM, _NODES) * (n - 1)) for n in (camera.height_px, camera.width_px))
     uu, vv = np.meshgrid(u, v)
     rays = camera.rays(uu, vv)
     gx, gy, gz = calibration.model.gradient(*rays.at(z_mm), z_mm)

@@ -13,16 +13,23 @@ from numpy.typing import NDArray
 
 from fringecal.camera import Rays
 from fringecal.errors import FitError
-from fringecal.projector.rig_model import RigModel, fit_residual, projector_point
+from fringecal.numerics import robust_sd
+from fringecal.projector.rig_model import RIG_NAMES, RigModel, fit_residual, projector_point
+from fringecal.projector.sampling import OUTLIER_SDS
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 6
+_ROUNDS = 6  # Gauss-Newton steps from the linear guess; each about doubles the right digits, the last two polish
 _FEW_ROUNDS = 4  # from a fit that is right but for one standard uncertainty of a cause
+_SETTLED = 2  # last rounds, in which the plate's residual stays as it is
 _LENGTH = 100.0  # mm; unit of length inside the solver, so that its columns are of one size
-_OUTLIER = 4.5  # robust sigmas
+_RANK_TOLERANCE = 1e-13  # of the largest singular value: what float64's sixteen digits leave of the linear guess
+_WORST_CONDITION = 1e14  # of the scaled normal matrix: beyond it two digits are left of float64's sixteen
+_LEAST_SPREAD_RAD = 1e-6  # drawn phase without noise scatters by rounding alone; nothing is an outlier of that
 _MOST_PULL = 0.9  # of the fit toward a single block; beyond it says nothing of its own scatter
-_VOICE_RAD = 2e-3  # how well a whole surface tells its phase: ripple and waves that no parameter describes
+SURFACE_U_RAD = 2e-3
+"""Standard uncertainty of the phase of a whole surface, rad: ripple and waves that no parameter describes and that no
+number of pixels averages out. It weighs a surface against the stated heights, and no misfit below it counts."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +116,7 @@ def fit_rig(
     for round_number in range(rounds):
         model, doubts = _improve(model, surfaces, keep, doubts)
         model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
-        if residual_degree and round_number < rounds - 2:
+        if residual_degree and round_number < rounds - _SETTLED:
             model = _with_residual(model, surfaces[0], keep[0], residual_degree)
         misfits = [_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True)]
         keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(misfits, surfaces, strict=True)]
@@ -122,8 +129,8 @@ def _misfit(model: RigModel, surface: PhasePoints) -> Array:
 
 
 def _inliers(residual: Array, *, finite: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    spread = 1.4826 * np.median(np.abs(residual[finite] - np.median(residual[finite])))
-    return finite & (np.abs(residual) < _OUTLIER * max(float(spread), 1e-6) + np.abs(np.median(residual[finite])))
+    spread = max(robust_sd(residual[finite]), _LEAST_SPREAD_RAD)
+    return finite & (np.abs(residual) < OUTLIER_SDS * spread + np.abs(np.median(residual[finite])))
 
 
 def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
@@ -137,8 +144,8 @@ def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
         weight = 1.0 / np.sqrt(phi.size)
         rows.append(weight * np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]))
         right.append(weight * phi)
-    solution, _, rank, _ = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=1e-13)
-    if rank < 7:
+    solution, _, rank, _ = np.linalg.lstsq(np.vstack(rows), np.concatenate(right), rcond=_RANK_TOLERANCE)
+    if rank < len(RIG_NAMES):
         raise FitError("The phase points do not span the field: they cannot determine the rig's seven numbers.")
     return solution / _UNITS
 
@@ -193,7 +200,7 @@ def _normal(
     shares = []
     for surface, good, doubt, end in zip(surfaces, keep, doubts, ends, strict=True):
         lifted = surface.lifted(doubt)
-        weight = 1.0 / (max(1, int(np.count_nonzero(good))) * _VOICE_RAD**2)
+        weight = 1.0 / (max(1, int(np.count_nonzero(good))) * SURFACE_U_RAD**2)
         place = np.concatenate([np.arange(7), np.arange(end - len(doubt), end)])
         jacobian = _jacobian(model, lifted)[good]
         score = weight * jacobian * _misfit(model, lifted)[good][:, None]
@@ -207,7 +214,7 @@ def _inverse(matrix: Array) -> Array:
     size = np.sqrt(np.diag(matrix))
     scaled = matrix / np.outer(size, size)
     condition = np.linalg.cond(scaled)
-    if not np.isfinite(condition) or condition > 1e14:
+    if not np.isfinite(condition) or condition > _WORST_CONDITION:
         raise FitError(
             f"The captures do not determine the rig (condition {condition:.1e}): the strips cover too little of the "
             "field, or their height is too small against the noise. Spread strips over the whole field."

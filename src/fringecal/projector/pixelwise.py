@@ -12,12 +12,13 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
+from fringecal.numerics import products_up_to
 
 Array = NDArray[np.float64]
 
 #: Laws by name, with the number of their coefficients.
 LAWS = {"inverse-linear": 2, "three-term": 3, "cubic": 3}
-_WORST_CONDITION = 1e12
+_WORST_CONDITION = 1e12  # of a pixel's scaled normal matrix: beyond it four digits are left of float64's sixteen
 
 
 @dataclass(frozen=True)
@@ -44,11 +45,9 @@ class PixelwiseModel:
         Noise of the flats averages out over the field; what is rough in the rig is lost with it.
         """
         rows, columns = self.coefficients.shape[1:]
-        design = chebyshev.chebvander2d(
-            *np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij"), [degree, degree]
-        )
-        total = np.add.outer(np.arange(degree + 1), np.arange(degree + 1)).ravel() <= degree
-        design = design.reshape(rows * columns, -1)[:, total]
+        down, across = np.meshgrid(np.linspace(-1, 1, rows), np.linspace(-1, 1, columns), indexing="ij")
+        terms = products_up_to(chebyshev.chebvander(down, degree), chebyshev.chebvander(across, degree))
+        design = terms.reshape(rows * columns, -1)
         maps = [_smooth(values.ravel(), design).reshape(rows, columns) for values in self.coefficients]
         return replace(self, coefficients=np.stack(maps))
 

@@ -5,12 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import wrap
 from fringecal.projector.rig_model import RigModel
 
 Array = NDArray[np.float64]
 
 _BEHIND = 4.0  # a height that is negative by more standard uncertainties than this is impossible
-_LEAST_CHIRP = 0.02  # change of the pitch over the field below which light counts as collimated
+_LEAST_U_PER_MM = 2e-5  # of 1/height, 1/mm: no fit tells a projector 50 m away from collimated light
+_LEAST_CHIRP = 0.02  # relative change of the pitch over the field below which light counts as collimated
 
 
 def angle_at_origin(model: RigModel) -> float:
@@ -48,7 +50,7 @@ def line_in_profile(model: RigModel, covariance: Array) -> tuple[float, float, b
             shifted[index] += step
             gradient[i] = (_inverse_height(shifted)[0] - base) / step
     uncertainty = math.sqrt(max(float(gradient @ covariance @ gradient), 0.0))
-    behind = base < -_BEHIND * max(uncertainty, 2e-5)
+    behind = base < -_BEHIND * max(uncertainty, _LEAST_U_PER_MM)
     height = 1 / base if base else math.inf
     return tangent * height, height, behind
 
@@ -66,4 +68,4 @@ def off_axis_deg(model: RigModel, side_mm: float, height_mm: float, extent_mm: f
     if math.hypot(across, float(d[2])) * extent_mm < _LEAST_CHIRP or not math.isfinite(height_mm):
         return math.nan
     axis = math.atan2(across, float(d[2]))
-    return math.degrees((math.atan2(-side_mm, -height_mm) - axis + math.pi) % (2 * math.pi) - math.pi)
+    return math.degrees(float(wrap(math.atan2(-side_mm, -height_mm) - axis)))

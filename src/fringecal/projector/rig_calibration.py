@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.phase import PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
-from fringecal.projector.rig_model import RIG_NAMES, PlateResidual, RigModel, projector_point
+from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
 from fringecal.uncertainty import Estimate, effective_dof
 
 Array = NDArray[np.float64]
@@ -185,7 +185,7 @@ def calibrate_rig(
     observations: Observations,
     camera_fit: CameraFit,
     *,
-    residual_degree: int = 5,
+    residual_degree: int = RESIDUAL_DEGREE,
     projector_near: Array | None = None,
     phase_sigma_rad: float = 0.0,
     progress: Callable[[str], None] = lambda _: None,

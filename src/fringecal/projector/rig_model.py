@@ -12,14 +12,21 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera import Rays
+from fringecal.numerics import by_powers, powers_up_to, products_up_to
 from fringecal.projector import rig_kernels as kernels
 
 Array = NDArray[np.float64]
 
 #: Parameters of the ratio, in the order of every vector and covariance; phase in rad, lengths in mm.
 RIG_NAMES = ("nx", "ny", "nz", "n0", "dx", "dy", "dz")
+RESIDUAL_DEGREE = 5
+"""Total degree of the plate's smooth residual: that of Brown's k2 in a projector's lens. A lower one leaves its bend in
+the phase, a higher one follows dirt and texture of the plate."""
 _FEW_POINTS = 20_000  # below this, waking the threads costs more than the sum
 _LIFT_ROUNDS = 3  # the residual is smooth: each round gains two to three digits
+_RIDGE = 1e-9  # of the number of points, which is the size of a term's own sum: takes off no more than the ninth digit
+_STEP_MM = 0.05  # of central differences: they neglect its square, 2e-9 rad/mm for light from 1 m away
+_PARALLEL = 1e-12  # |n x d| over |n|, 1/mm: below it the planes of equal phase meet nowhere, and light is collimated
 
 
 @dataclass(frozen=True)
@@ -48,20 +55,16 @@ class PlateResidual:
     @property
     def grid(self) -> Array:
         """Coefficients by degree along x and along y, shape (degree + 1, degree + 1)."""
-        grid = np.zeros((self.degree + 1,) * 2)
-        for value, (i, j) in zip(self.coefficients, self.terms(), strict=False):
-            grid[i, j] = value
-        return grid
+        return by_powers(self.coefficients, self.degree)
 
     def terms(self) -> list[tuple[int, int]]:
         """Return the exponent pairs of the polynomial, in the order of the coefficients."""
-        return [(i, n - i) for n in range(self.degree + 1) for i in range(n + 1)]
+        return powers_up_to(self.degree)
 
     def design(self, x_mm: Array, y_mm: Array) -> Array:
         """Return the matrix whose columns are the polynomial's terms at plate points."""
         s, t = self._unit(x_mm, y_mm)
-        vs, vt = chebyshev.chebvander(s, self.degree), chebyshev.chebvander(t, self.degree)
-        return np.stack([vs[..., i] * vt[..., j] for i, j in self.terms()], axis=-1)
+        return products_up_to(chebyshev.chebvander(s, self.degree), chebyshev.chebvander(t, self.degree))
 
     def _unit(self, x: Array, y: Array) -> tuple[Array, Array]:
         x0, x1, y0, y1 = self.box
@@ -83,7 +86,7 @@ def fit_residual(x_mm: Array, y_mm: Array, left_rad: Array, degree: int) -> Plat
     box = (float(x_mm.min()), float(x_mm.max()), float(y_mm.min()), float(y_mm.max()))
     design = PlateResidual(degree, np.zeros(1), box).design(x_mm, y_mm)
     # Chebyshev terms over their own box are nearly orthogonal: normal equations lose nothing and are quick.
-    ridge = 1e-9 * left_rad.size * np.eye(design.shape[1])
+    ridge = _RIDGE * left_rad.size * np.eye(design.shape[1])
     coefficients = np.linalg.solve(design.T @ design + ridge, design.T @ left_rad)
     return PlateResidual(degree, coefficients, box)
 
@@ -141,7 +144,7 @@ class RigModel:
 
     def gradient(self, x_mm: ArrayLike, y_mm: ArrayLike, z_mm: ArrayLike = 0.0) -> tuple[Array, Array, Array]:
         """Return (dphi/dx, dphi/dy, dphi/dz) in rad/mm, the residual's share included."""
-        step = 0.05
+        step = _STEP_MM
         x, y, z = (np.asarray(c, float) for c in (x_mm, y_mm, z_mm))
         along_x = self.phase(x + step, y, z) - self.phase(x - step, y, z)
         along_y = self.phase(x, y + step, z) - self.phase(x, y - step, z)
@@ -187,7 +190,7 @@ def projector_line(parameters: Array) -> tuple[Array, Array]:
     d = parameters[4:7]
     direction = np.cross(n, d)
     length = np.linalg.norm(direction)
-    if length < 1e-12 * max(np.linalg.norm(n), 1e-30):
+    if length < _PARALLEL * max(np.linalg.norm(n), 1e-30):
         return np.full(3, np.inf), np.array([np.nan] * 3)
     direction /= length
     point, *_ = np.linalg.lstsq(np.vstack([n, d, direction]), np.array([-n0, -1.0, 0.0]), rcond=None)

@@ -11,6 +11,7 @@ from fringecal.camera import PlateCamera
 from fringecal.projector.angle.angle_theory import theoretical_apparent
 from fringecal.projector.angle.breaks import Breaks
 from fringecal.projector.angle.projection_angle import (
+    NEWTON_ROUNDS,
     ProjectorPosition,
     apparent_angle,
     projection_angle,
@@ -24,8 +25,11 @@ Array = NDArray[np.float64]
 Axis = Literal["u", "v"]
 Effect = tuple[float, float]  # contribution to u, deg, and its degrees of freedom
 
-_MIN_BREAKS = 4
+_MIN_BREAKS = 4  # of a row of the table: three degrees of freedom at least for its scatter
 _PLACES = 9  # columns or rows along strips
+_ENDS_PERCENT = (2, 98)  # of the breaks, between which those lie: the few at either end stand apart
+_SIDE_BY_SIDE = 2.0  # standard deviations of a strip's own breaks that must lie between strips to tabulate at each
+_STRIP_KEY = 1_000_000  # in a break's number: more than a picture has half fringes
 SCATTER = "phase scatter"  # the cause of a calibration's budget that the breaks' own scatter replaces
 
 
@@ -93,7 +97,7 @@ def axis_angles(
     along = breaks.u_px if axis == "u" else breaks.v_px
     cluster = np.rint(2 * breaks.fringe).astype(np.intp)
     if not by_fringe:
-        cluster = cluster + 1_000_000 * breaks.strip
+        cluster = cluster + _STRIP_KEY * breaks.strip
     near = [(np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced) for place in places_px]
     kept = [(float(p), n) for p, n in zip(places_px, near, strict=True) if np.count_nonzero(n) >= _MIN_BREAKS]
     points = [point_on_axis(calibration.camera, place, axis) for place, _ in kept]
@@ -130,9 +134,9 @@ def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
     groups = [along_px[strip == k] for k in np.unique(strip)]
     centres = np.array([float(np.mean(g)) for g in groups])
     apart = float(np.min(np.diff(np.sort(centres)))) if centres.size > 1 else 0.0
-    if apart > 2 * max(float(np.std(g)) for g in groups):
+    if apart > _SIDE_BY_SIDE * max(float(np.std(g)) for g in groups):
         return np.sort(centres), apart / 2
-    low, high = np.percentile(along_px, [2, 98])
+    low, high = np.percentile(along_px, _ENDS_PERCENT)
     width = (high - low) / _PLACES
     return low + width * (np.arange(_PLACES) + 0.5), width / 2
 
@@ -200,7 +204,7 @@ def point_on_axis(camera: PlateCamera, place_px: float, axis: Axis = "u") -> tup
         x, y = float(ray.ax), float(ray.ay)
         return (x, y) if axis == "u" else (y, x)
 
-    for _ in range(4):
+    for _ in range(NEWTON_ROUNDS):
         off, further = rays(other)[1], rays(other + 1.0)[1]
         other -= off / (further - off)
     on, off = rays(other)

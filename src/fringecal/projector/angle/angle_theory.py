@@ -17,7 +17,10 @@ from fringecal.uncertainty import Estimate
 Array = NDArray[np.float64]
 
 LAMP_CHANCE = 0.05  # a displacement that chance explains less often than this is found
-_ALONG = 0.71  # share of a coordinate in the line's direction beyond which the line runs along it
+_ALONG = 0.71  # share of a coordinate in the line's direction beyond which the line runs along it: cos 45 deg
+_SURE = 2.0  # standard uncertainties, 95 %, by which a coordinate must differ to be named by itself
+_UNSEEN_MM2 = 1e12  # variance put along the line, (1 km)^2: whatever lies that way is never the surest direction
+_NEGLIGIBLE = 1e-9  # of the largest eigenvalue, below which a direction has no variance: the line's own, by rounding
 _WORDS = (("right", "left"), ("up", "down"), ("higher", "lower"))
 
 
@@ -62,7 +65,7 @@ class Displacement:
         if self.agrees:
             return f"The measured geometry agrees with the stated position of the lamp ({chance})."
         seen = [i for i in range(3) if abs(self.line[i]) < _ALONG]
-        sure = [i for i in seen if abs(self.difference_mm[i]) > 2 * self.u_mm[i]]
+        sure = [i for i in seen if abs(self.difference_mm[i]) > _SURE * self.u_mm[i]]
         if sure:
             parts = " and ".join(_named(i, self.difference_mm[i], self.u_mm[i]) for i in sure)
             return f"The lamp stands {parts} than stated ({chance}); or the strips' height is not as stated."
@@ -75,7 +78,7 @@ class Displacement:
 
     def _surest(self) -> tuple[float, Array]:
         """Size of the difference along the direction in which it is most significant, and that direction."""
-        values, vectors = np.linalg.eigh(self.covariance + 1e12 * np.outer(self.line, self.line))
+        values, vectors = np.linalg.eigh(self.covariance + _UNSEEN_MM2 * np.outer(self.line, self.line))
         along = vectors.T @ self.difference_mm
         best = int(np.argmax(along**2 / values))
         return float(along[best]), vectors[:, best]
@@ -101,7 +104,7 @@ def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Disp
     covariance = sum((np.outer(e, e) for e in effects), np.diag(stated.u_mm**2))
     covariance = across @ covariance @ across
     difference = found - stated.value_mm
-    squared = float(difference @ np.linalg.pinv(covariance, rcond=1e-9, hermitian=True) @ difference)
+    squared = float(difference @ np.linalg.pinv(covariance, rcond=_NEGLIGIBLE, hermitian=True) @ difference)
     return Displacement(found, difference, covariance, line, float(special.chdtrc(2, squared)))
 
 
@@ -178,7 +181,8 @@ def theoretical_apparent(
 ) -> Estimate:
     """Return the angle in deg that breaks should show to the camera: the projector's and the camera's own.
 
-    `tan = m . ((P - X) / P_z - (C - X) / C_z)`, C the camera, for a low strip (reference geometry G1).
+    `tan = m . ((P - X) / P_z - (C - X) / C_z)`, P the projector, C the camera, m the unit vector across the fringe: the
+    projector's ray through X less the line of sight, for a low strip.
     """
     tangent, u = theoretical_tangent(model, projector, x_mm, y_mm)
     rays = camera.rays(*camera.project(x_mm, y_mm))

@@ -13,17 +13,27 @@ from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
 from fringecal.detect import Centres, StripRegions
+from fringecal.numerics import robust_sd
 from fringecal.projector.angle.projection_angle import across_fringe
 from fringecal.projector.rig_model import RigModel
+from fringecal.projector.sampling import OUTLIER_SDS
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 #: What a break's status says: used as it is; base from one side only; far off the others and left out.
 OK, ONE_SIDE, OFF = "ok", "one-side", "off"
-FAR, NOWHERE = -10_000, -20_000
-_BLOCK_PX = 24  # length along a fringe over which its points are taken together on wide plate
-_LEAST_POINTS = 3
+FAR, NOWHERE = -10_000, -20_000  # numbers of zones: below those of any plate between strips
+_BLOCK_PX = 24  # length along a fringe over which its points are taken together on wide plate: about a strip's width
+_LEAST_POINTS = 3  # centres of one fringe in one zone: fewer are specks, and say little of their scatter
+_LEAST_SPREAD = 1e-9  # of tangents: drawn breaks without noise scatter by rounding alone; nothing is an outlier of that
+_PIXEL_BESIDE = 1.1  # px from the middle of a strip or gap: one pixel on either side of it, however narrow
+_APART_PX = 1.0  # along the fringe, over which two of its points must lie apart to give a slope
+
+
+TOLERANCE_RAD = 1.3
+"""By how much a centre's coarse phase may be off: bright and dark centres lie pi apart, pi/2 is as far as can be told,
+and the rest is left for what belongs to neither."""
 
 
 @dataclass(frozen=True)
@@ -112,10 +122,9 @@ class Breaks:
         return own | {"angle_deg": self.angle_deg, "apparent_deg": np.degrees(np.arctan(self.apparent))}
 
     def without_outliers(self, expected: Array) -> "Breaks":
-        """Mark breaks whose tangent is further off the expected than chance would have it (4.5 robust sigmas)."""
+        """Mark breaks whose tangent is further off the expected than chance would have it (`OUTLIER_SDS`)."""
         off = self.tangent - expected
-        spread = 1.4826 * float(np.median(np.abs(off - np.median(off))))
-        far = np.abs(off - np.median(off)) > 4.5 * max(spread, 1e-9)
+        far = np.abs(off - np.median(off)) > OUTLIER_SDS * max(robust_sd(off), _LEAST_SPREAD)
         return replace(self, status=np.where(far, OFF, self.status))
 
 
@@ -146,11 +155,16 @@ def _in_the_middle(regions: StripRegions, share: float) -> NDArray[np.bool_]:
     centres, widths = (lines[1:] + lines[:-1]) / 2, np.diff(lines)
     index = np.clip(np.searchsorted(lines, regions.across_px) - 1, 0, centres.size - 1)
     off = np.abs(regions.across_px - centres[index])
-    return np.asarray(off <= np.maximum(share * widths[index] / 2, 1.1))
+    return np.asarray(off <= np.maximum(share * widths[index] / 2, _PIXEL_BESIDE))
 
 
 def gather_centres(
-    centres: Centres, phase_rad: Array, zones: NDArray[np.intp], *, independent_px: float, tolerance_rad: float = 1.3
+    centres: Centres,
+    phase_rad: Array,
+    zones: NDArray[np.intp],
+    *,
+    independent_px: float,
+    tolerance_rad: float = TOLERANCE_RAD,
 ) -> FringePoints:
     """Number centres by a coarse phase and take those of one fringe in one zone together.
 
@@ -246,7 +260,7 @@ def _slope(points: FringePoints, near: dict[tuple[int, float], int]) -> float:
     slopes = []
     for (zone, fringe), i in near.items():
         j = near.get((zone - 1, fringe))
-        if j is not None and abs(points.u_px[j] - points.u_px[i]) > 1:
+        if j is not None and abs(points.u_px[j] - points.u_px[i]) > _APART_PX:
             slopes.append((points.v_px[j] - points.v_px[i]) / (points.u_px[j] - points.u_px[i]))
     return float(np.median(slopes)) if slopes else 0.0
 

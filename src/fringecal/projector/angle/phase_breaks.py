@@ -7,15 +7,19 @@ from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
 from fringecal.projector.angle.breaks import OK, Breaks
-from fringecal.projector.angle.projection_angle import across_fringe, angles_from_breaks, projection_tangent
+from fringecal.projector.angle.projection_angle import (
+    NEWTON_ROUNDS,
+    across_fringe,
+    angles_from_breaks,
+    projection_tangent,
+)
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.rig_calibration import Observations, RigCalibration
 from fringecal.projector.rig_model import RigModel
 
 Array = NDArray[np.float64]
 
-_LEAST_PIXELS = 5
-_NEWTON_STEPS = 4
+_LEAST_PIXELS = 5  # of one fringe on one strip: fewer say little of their own scatter, which becomes the break's sigma
 
 
 def phase_breaks(
@@ -80,7 +84,7 @@ def _shift_px(model: RigModel, camera: PlateCamera, surface: PhasePoints, u: Arr
         return model.phase(rays.ax, rays.ay, 0.0)
 
     shift = np.zeros_like(u)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(NEWTON_ROUNDS):
         slope = plate(shift + 0.5) - plate(shift - 0.5)
         shift = shift + (surface.phase_rad - plate(shift)) / slope
     return shift

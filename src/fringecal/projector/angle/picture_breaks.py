@@ -31,14 +31,14 @@ Array = NDArray[np.float64]
 PictureEstimator = Literal["ridge", "skeleton"]
 
 _RIDGE_INDEPENDENT_PX = 3.5  # 2 sqrt(pi) of the smoothing along the fringe
-_SKELETON_MIDDLE = 0.3  # nearer to an edge a thinned line bends toward its neighbour on the other level
+_SKELETON_MIDDLE = 0.3  # of a width; nearer to an edge a thinned line bends toward its neighbour on the other level
 #: A thinned line only tells which band is read: it may be upright in a strip narrower than a fringe. In eight random
 #: rigs with strips of 0.35 to 0.75 periods the angle is the ridge estimator's within 0.02 deg (`angle_campaign.py`).
 _LEAST_WIDTH = 0.3  # periods
 _LEAST_WIDTH_PX = 8.0  # two filters of 3 px, and a middle that neither edge reaches
-_LEAST_BREAKS = 12
+_LEAST_BREAKS = 12  # of a picture, and points of a surface: what is fitted to them has seven numbers
 _ASTRAY_DEG = 1.0  # the coarse phase is blurred by its window; on random rigs its angle is right within 0.2 deg
-_BLOCK_PX = 8  # columns that are nearer count as one
+_BLOCK_PX = 8  # columns that are nearer count as one: less than the narrowest strip
 _LEAST_DEGREE = 2  # a plane is part of the rig's own seven numbers
 _DEGREE = 3  # of the plate's smooth residual: whole fringes carry less than pixels do
 

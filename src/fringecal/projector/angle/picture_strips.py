@@ -20,6 +20,7 @@ from fringecal.targets import Strips
 Array = NDArray[np.float64]
 
 _ALONG_DEG = 25.0  # between strips and fringes below which a fringe crosses hardly any edge
+_ON_LEVEL_RAD = 0.35  # a twentieth of a fringe: noise and the smooth level's misfit stay within it
 _SURE = 0.9  # share of the pixels that lie on the level their label asks for, above which no other level is tried
 
 
@@ -106,7 +107,7 @@ def _step(carrier: LineCarrier, plate: SmoothPhase) -> Array:
 def _agreement(step: Array, strips: StripPhase) -> float:
     """Share of the labelled pixels that are on the plate's level where they should be, and off it on strips."""
     labels = strips.regions.labels
-    near = np.abs(step) < 0.35
+    near = np.abs(step) < _ON_LEVEL_RAD
     return float(min(near[labels == 0].mean(), 1 - near[labels > 0].mean()))
 
 

@@ -18,6 +18,10 @@ from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
+NEWTON_ROUNDS = 4
+"""Steps of Newton's method on the plate, where phase and rays are nearly straight: each doubles the number of right
+digits, so that four lead from one digit to all that float64 has."""
+
 
 @dataclass(frozen=True)
 class ProjectorPosition:
@@ -51,7 +55,8 @@ def theoretical_tangent(
 ) -> tuple[Array, Array]:
     """Return tan(theta) that the stated projector position asks for, and its standard uncertainty.
 
-    `tan(theta) = m . (P - X) / P_z` with m the unit vector across the fringe (reference geometry G3).
+    `tan(theta) = m . (P - X) / P_z` with P the projector and m the unit vector across the fringe: by similar triangles,
+    a ray from P that meets the plate at X runs `m . (P - X)` sideways while it falls by P_z.
     """
     x, y = np.asarray(x_mm, float), np.asarray(y_mm, float)
     mx, my = across_fringe(model, x, y)
@@ -136,7 +141,7 @@ def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Ar
     x, y = surface.rays.at(surface.z_mm)
     mx, my = across_fringe(model, x, y)
     t = np.zeros_like(x)
-    for _ in range(4):
+    for _ in range(NEWTON_ROUNDS):
         gx, gy, _ = model.gradient(x + t * mx, y + t * my, 0.0)
         t = t + (surface.phase_rad - model.phase(x + t * mx, y + t * my, 0.0)) / (gx * mx + gy * my)
     return -t / surface.z_mm, x + t * mx, y + t * my

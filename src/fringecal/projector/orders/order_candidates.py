@@ -8,16 +8,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera import Rays
-from fringecal.projector.joint_fit import PhasePoints
+from fringecal.numerics import robust_sd
+from fringecal.projector.joint_fit import SURFACE_U_RAD, PhasePoints
 from fringecal.projector.plate_model import plate_model
 from fringecal.projector.projector_line import angle_at_origin, line_in_profile, off_axis_deg
 from fringecal.projector.rig_model import RigModel, foot_on_plate, projector_point
 
 Array = NDArray[np.float64]
 
-_MAX_ANGLE_DEG = 78.0
+_MAX_ANGLE_DEG = 78.0  # from the normal: beyond it a fringe is five times as wide on the plate as across its light
 _MAX_OFF_AXIS_DEG = 25.0  # between the projector's axis and its line to the plate's origin: lens shift, bad aim
-_FLOOR_RAD = 2e-3  # residuals of blocks below this are as good as none
+_USUAL_SHARE = 0.95  # of the blocks, the best; the others may lie at a flaw and say nothing of the order
+
+
+@dataclass(frozen=True)
+class _SlopeSettings:
+    """How phase with height, n_z and d_z, is solved from blocks of strip tops (`_two_numbers`).
+
+    Parameters
+    ----------
+    rounds
+        Of which each leaves out what lies far off the one before.
+    outlier_sds
+        Robust standard deviations beyond which a block is left out; its phase is a mean, and flaws are many.
+    least_spread_rad
+        Drawn phase without noise scatters by rounding alone; nothing is an outlier of that.
+    least_tangent
+        Of the projection angle; under light that falls more steeply the axis tells nothing of d_z.
+    pull_rad
+        Misfit that an axis is worth which is off by as much as its own tilt.
+    pull_weight
+        Of the pull beside all blocks together: a hundredth, so that it settles only what they leave open.
+    least_pull_per_mm
+        Floor of the tilt that the pull is measured by, 1/mm: light from 10 m away.
+    """
+
+    rounds: int = 4
+    outlier_sds: float = 5.0
+    least_spread_rad: float = 1e-6
+    least_tangent: float = 0.1
+    pull_rad: float = 0.3
+    pull_weight: float = 1e-2
+    least_pull_per_mm: float = 1e-4
+
+
+_SLOPE = _SlopeSettings()
 
 
 @dataclass(frozen=True)
@@ -161,7 +196,9 @@ def _solved(plate: RigModel, pieces: Sequence[PhasePoints], *, near: Array | Non
     return model
 
 
-def _two_numbers(plate: RigModel, design: Array, right: Array, weight: Array) -> tuple[float, float]:
+def _two_numbers(
+    plate: RigModel, design: Array, right: Array, weight: Array, *, settings: _SlopeSettings = _SLOPE
+) -> tuple[float, float]:
     """Weighted least squares, robust against blocks that are off, with the weak pull of `_solved`."""
     nx, ny, _, n0, dx, dy, _ = plate.parameters
     # Phase counted from the origin's makes the two columns nearly orthogonal: n_z -> n_z - phi0 d_z.
@@ -170,19 +207,18 @@ def _two_numbers(plate: RigModel, design: Array, right: Array, weight: Array) ->
     slope = float(np.hypot(*gradient))
     across = float(gradient @ [dx, dy]) / slope
     solution = np.zeros(2)
-    for round_number in range(4):
+    for round_number in range(settings.rounds):
         left = right - design @ solution
-        spread = 1.4826 * float(np.median(np.abs(left - np.median(left))))
-        keep = np.ones(left.size, bool) if round_number == 0 else np.abs(left) < 5 * max(spread, 1e-6)
+        far = settings.outlier_sds * max(robust_sd(left), settings.least_spread_rad)
+        keep = np.ones(left.size, bool) if round_number == 0 else np.abs(left) < far
         if np.count_nonzero(keep) < 2:
             break
         tangent = -solution[0] / slope
-        pull = across / tangent if abs(tangent) > 0.1 else 0.0
+        pull = across / tangent if abs(tangent) > settings.least_tangent else 0.0
         w = weight[keep] / math.sqrt(float(np.sum(weight[keep] ** 2)))
-        # Worth 0.3 rad of misfit for an axis that is off by as much as its own tilt.
-        strength = 0.3 / max(abs(pull), 1e-4)
-        matrix = np.vstack([design[keep] * w[:, None], [0.0, 1e-2 * strength]])
-        solution, *_ = np.linalg.lstsq(matrix, np.append(right[keep] * w, 1e-2 * strength * pull), rcond=None)
+        strength = settings.pull_weight * (settings.pull_rad / max(abs(pull), settings.least_pull_per_mm))
+        matrix = np.vstack([design[keep] * w[:, None], [0.0, strength]])
+        solution, *_ = np.linalg.lstsq(matrix, np.append(right[keep] * w, strength * pull), rcond=None)
     return float(solution[0] + n0 * solution[1]), float(solution[1])
 
 
@@ -199,8 +235,8 @@ def _rms(model: RigModel, pieces: Sequence[PhasePoints]) -> float:
     """Scatter of block means: noise and ripple fall out, a wrong order stays. Blocks at a flaw are left out."""
     left, weight = _misfits(model, pieces)
     size = np.abs(left)
-    keep = size <= np.quantile(size, 0.95)
-    return math.hypot(float(np.sqrt(np.average(left[keep] ** 2, weights=weight[keep]))), _FLOOR_RAD)
+    keep = size <= np.quantile(size, _USUAL_SHARE)
+    return math.hypot(float(np.sqrt(np.average(left[keep] ** 2, weights=weight[keep]))), SURFACE_U_RAD)
 
 
 def _covariance(model: RigModel, pieces: Sequence[PhasePoints], rms: float) -> Array:

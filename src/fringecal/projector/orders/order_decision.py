@@ -18,8 +18,10 @@ from fringecal.projector.orders.order_candidates import OrderCandidate, judge_or
 
 Array = NDArray[np.float64]
 
-_CLEARLY = 2.0  # block residuals of a wrong order are at least this many times those of the right one
-_CLOSE = 0.75 * math.pi  # a predicted step further off than this decides nothing
+CLEARLY = 2.0
+"""Ratio of block residuals from which on the smaller ones decide between two orders, or two ways to number the strips:
+those of a wrong one are many times as large, those of two that fit alike differ by chance alone."""
+_CLOSE = 0.75 * math.pi  # rad; a predicted step further off lies nearly as close to the next order (pi is half way)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def _by_theory(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
             f"{_described(best)}. Check the projector's position (plate frame: x right, y up in the picture, z toward "
             "the camera) and the strips' height."
         )
-    better = [c for c in candidates if c.possible and c.block_rms_rad < best.block_rms_rad / _CLEARLY]
+    better = [c for c in candidates if c.possible and c.block_rms_rad < best.block_rms_rad / CLEARLY]
     if better:
         rival = min(better, key=lambda c: c.block_rms_rad)
         raise FitError(
@@ -111,8 +113,8 @@ def _by_possibility(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
         )
     best = min(likely, key=lambda c: c.block_rms_rad)
     others = [c for c in likely if c is not best]
-    rivals = [c for c in others if c.block_rms_rad < _CLEARLY * best.block_rms_rad]
-    rivals += [c for c in candidates if c.possible and not c.likely and c.block_rms_rad < best.block_rms_rad / _CLEARLY]
+    rivals = [c for c in others if c.block_rms_rad < CLEARLY * best.block_rms_rad]
+    rivals += [c for c in candidates if c.possible and not c.likely and c.block_rms_rad < best.block_rms_rad / CLEARLY]
     if rivals:
         listed = "; ".join(f"order {c.order}: {_described(c)}" for c in [best, *rivals])
         raise FitError(

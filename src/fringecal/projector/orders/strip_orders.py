@@ -8,16 +8,16 @@ from numpy.typing import NDArray
 from fringecal.camera import PlateCamera
 from fringecal.errors import FitError
 from fringecal.projector.joint_fit import PhasePoints
-from fringecal.projector.orders.order_decision import OrderDecision, decide_order
+from fringecal.projector.orders.order_decision import CLEARLY, OrderDecision, decide_order
 from fringecal.projector.sampling import pick_points
 from fringecal.projector.standards.strip_phase import StripPhase, numberings
 
 Array = NDArray[np.float64]
 
-_POINTS_PER_PIECE = 1_500
-_PLATE_POINTS = 16_000
-_AGREED = 0.8  # of a piece's pixels that several periods must give one order
-_CLEARLY = 2.0  # residuals with another item's heights are at least this many times those with the right ones
+_POINTS_PER_PIECE = 1_500  # a piece has one order and one height; more points only take longer
+_PLATE_POINTS = 16_000  # the plate has 26 numbers to tell, and is fitted once
+_LEAST_PIXELS = 20  # of a piece, with known phase: fewer are a rim
+_AGREED = 0.8  # of a piece's pixels that several periods must give one order; the others may lie at its edge
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ def _usable(pieces: NDArray[np.int32], absolute: Array) -> list[int]:
     """Return the pieces that lie on plate whose own phase is known."""
     sizes = np.bincount(pieces[np.isfinite(absolute)], minlength=2)
     sizes[0] = 0
-    found = np.flatnonzero(sizes >= 20).tolist()
+    found = np.flatnonzero(sizes >= _LEAST_PIXELS).tolist()
     if not found:
         raise FitError("No strip lies where the phase of the bare plate is known: light the whole plate.")
     return found
@@ -148,7 +148,7 @@ def _best(found: list[tuple[tuple[int, ...], OrderDecision]]) -> tuple[tuple[int
     ranked = sorted(found, key=lambda pair: pair[1].chosen.block_rms_rad)
     if len(ranked) > 1:
         first, second = (pair[1].chosen.block_rms_rad for pair in ranked[:2])
-        if second < _CLEARLY * first:
+        if second < CLEARLY * first:
             raise FitError(
                 "The strips differ in height, and it is open which is which: counted from either end, or from another "
                 f"strip, they fit almost as well (residuals {first:.4f} and {second:.4f} rad). Show all strips in the "

@@ -1,17 +1,21 @@
 """Strips that shift the fringes by whole periods look like bare plate: said so where the stated rig predicts it."""
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
 from fringecal.errors import DetectionError
+from fringecal.numerics import products_up_to
 from fringecal.projector.rig_model import foot_on_plate
 
 Array = NDArray[np.float64]
 
-_NEAR_TURNS = 0.12  # a step nearer to whole fringes drowns in noise and in the strips' own tolerance
+_NEAR_TURNS = 0.12  # fringes; a step nearer to whole ones drowns in noise and in the strips' own tolerance
 _SHARE = 0.25  # of the field; over less of it the strips still show
-_SIDE = 40  # samples across the field
+_SIDE = 40  # samples along each side of the field: closer than strips
+_DEGREE = 2  # of the polynomial in x and y that stands for the plate's phase: a pitch that changes over the field
+_LEAST_SAMPLES = 12  # two for each of its six terms
 
 
 def explained(
@@ -59,7 +63,7 @@ def predicted_turns(plate_phase: Array, camera: PlateCamera, height_mm: float, p
     v, u = (a.ravel() for a in np.mgrid[0 : height - 1 : _SIDE * 1j, 0 : width - 1 : _SIDE * 1j])
     phase = plate_phase[np.rint(v).astype(np.intp), np.rint(u).astype(np.intp)]
     good = np.isfinite(phase)
-    if np.count_nonzero(good) < 12:
+    if np.count_nonzero(good) < _LEAST_SAMPLES:
         return np.zeros(0)
     rays = camera.rays(u[good], v[good])
     foot = _terms(*foot_on_plate(*rays.at(height_mm), height_mm, projector_mm))
@@ -69,4 +73,4 @@ def predicted_turns(plate_phase: Array, camera: PlateCamera, height_mm: float, p
 
 
 def _terms(x: Array, y: Array) -> Array:
-    return np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y])
+    return products_up_to(polynomial.polyvander(x, _DEGREE), polynomial.polyvander(y, _DEGREE))

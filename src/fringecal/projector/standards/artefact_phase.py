@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
+from fringecal.numerics import wrap
 from fringecal.projector.rig_calibration import HeightDoubt, Observations, RigCalibration
 from fringecal.projector.sampling import pick_points
-from fringecal.projector.standards.placing import ArtefactPlace, place_artefact
+from fringecal.projector.standards.placing import NEAR_RAD, ArtefactPlace, place_artefact
 from fringecal.projector.standards.strip_phase import StripPhase, numberings
 from fringecal.projector.standards.target_facets import Facet, facets_of
 from fringecal.targets import Target
@@ -18,14 +19,13 @@ from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
-_POINTS = 4_000  # of a facet
-_LEAST_POINTS = 100
+_POINTS = 4_000  # of a facet; the covariance comes from blocks of pixels, so that more only take longer
+_LEAST_POINTS = 100  # pixels of a facet: fewer are a rim, or a facet that lies in shadow
 _MARGIN_PX = 2.5  # left out along edges: pixels there see two surfaces
 _COVERAGE = 3.0  # standard uncertainties within which a prediction must stay to decide an order
-_CLOSE = 0.9 * math.pi
-_AGREEING_RAD = 0.8
-_FEW = 50  # points at which a prediction's uncertainty is taken
-_MOST_ODD = 0.2  # share of a facet's pixels whose phase may be another's
+_CLOSE = 0.9 * math.pi  # rad; half way to the next order is pi, a tenth of it is left for what the prediction neglects
+_FEW = 50  # points at which a prediction's uncertainty is taken: it is smooth over a facet
+_MOST_ODD = 0.2  # share of a facet's pixels whose phase may be another's: shadow, dirt, the next facet's rim
 
 
 @dataclass(frozen=True)
@@ -147,9 +147,9 @@ def _observed(
         raise FitError(f"only {u.size} pixels of it are lit, {_LEAST_POINTS} are needed")
     index = v.astype(int), u.astype(int)
     predicted = calibration.model.phase(*calibration.camera.rays(u, v).at(z[index]), z[index])
-    lack = np.angle(np.exp(1j * (wrapped[index] - predicted)))
+    lack = wrap(wrapped[index] - predicted)
     middle = float(np.angle(np.mean(np.exp(1j * lack))))
-    spread = np.angle(np.exp(1j * (lack - middle)))
+    spread = wrap(lack - middle)
     _demand_order(_prediction_u(calibration, u, v, z[index]), middle, spread)
     relief = z[index] - height.value
     return Observations((u,), (v,), (predicted + middle + spread,), (cluster,), (height,), (relief,), ((),))
@@ -175,7 +175,7 @@ def _demand_order(doubt_rad: float, middle: float, spread: Array) -> None:
             f"its fringe order is open: the phase lies {middle:+z.2f} rad off a prediction that is uncertain by "
             f"{doubt_rad:.2f} rad (standard uncertainty); measure a lower surface too, or state its height better"
         )
-    odd = float(np.mean(np.abs(spread) > _AGREEING_RAD))
+    odd = float(np.mean(np.abs(spread) > NEAR_RAD))
     if odd > _MOST_ODD:
         raise FitError(f"{100 * odd:.0f} % of its pixels show the phase of something else")
 

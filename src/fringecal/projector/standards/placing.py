@@ -12,16 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
+from fringecal.numerics import wrap
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.standards.target_facets import Facet
 
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
-_NODES = 160  # of the search lattice along the picture's longer side
-_NEAR_RAD = 0.8  # a pixel that agrees with a facet is this close to the phase which the facet must show
+_NODES = 160  # of the search lattice along the picture's longer side: 3 mm over the thesis's field
+NEAR_RAD = 0.8
+"""A pixel that agrees with a facet is this close, rad, to the phase which the facet must show: an eighth of a fringe,
+so that one pixel in four agrees by chance. A rig that is known only roughly predicts no better."""
 _TURNS_DEG = (6.0, 2.0, 0.5)  # steps of the search over directions, coarse to fine
-_LEAST_VOTE = 0.6  # mean of all points under the facets that tell
+_LEAST_VOTE = 0.6  # mean of all points under the facets that tell: four in five agree
 _LEAST_TELLING = 0.3  # of the facets' area; the rest is in shadow or might as well be bare plate
 _MISSING = -0.2  # vote of a point that shows no phase: shadow is expected, absence is not
 
@@ -68,7 +71,7 @@ def place_artefact(
     if not all(math.isfinite(f.low_mm) for f in facets):
         return ArtefactPlace(0.0, 0.0, 0.0, 0.0, 1.0)
     gz = abs(float(calibration.model.gradient(0.0, 0.0, 0.0)[2]))
-    level = [piece for facet in facets for piece in facet.slices(_NEAR_RAD / max(gz, 1e-9))]
+    level = [piece for facet in facets for piece in facet.slices(NEAR_RAD / max(gz, 1e-9))]
     lattice = _Lattice.over(calibration)
     votes = [_votes(f, wrapped_rad, valid, calibration, lattice) for f in level]
     spectra: list[Spectrum] = [np.fft.rfft2(vote) for vote in votes]
@@ -128,7 +131,7 @@ def _votes(
 
 
 def _near(difference: Array) -> NDArray[np.bool_]:
-    return np.abs(np.angle(np.exp(1j * difference))) < _NEAR_RAD
+    return np.abs(wrap(difference)) < NEAR_RAD
 
 
 def _best_at(turn_deg: float, facets: Sequence[Facet], votes: Sequence[Spectrum], lattice: _Lattice) -> ArtefactPlace:

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from fringecal.camera import PlateCamera
 from fringecal.detect import StripRegions, find_strips
 from fringecal.errors import DetectionError, FitError
+from fringecal.numerics import wrap
 from fringecal.phase import PhaseMap, unwrap
 from fringecal.targets import Strips
 from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
-_MIN_PIECE = 40  # pixels; smaller pieces of a strip top are left out
+_MIN_PIECE = 40  # pixels; smaller pieces of a strip top are left out: their phase is known no better than a few pixels'
 _MIN_SHARE = 0.02  # of the largest piece; crumbs would weigh like whole strips where strips differ
-_BINS, _MODES = 24, 2  # of phase differences: the plate's and the tops' are the two most frequent
+_BINS, _MODES = 24, 2  # of phase differences, 15 deg each: the plate's and the tops' are the two most frequent
 _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or lamp moved between captures
 
 
@@ -68,7 +69,7 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
         size than the grid's pitch makes them.
     """
     valid = reference.valid & strips.valid
-    step = np.where(valid, np.angle(np.exp(1j * (strips.phase.astype(float) - reference.phase))), 0.0)
+    step = np.where(valid, wrap(strips.phase.astype(float) - reference.phase), 0.0)
     try:
         return strips_from_step(step, valid, target, camera)
     except DetectionError:
@@ -101,7 +102,7 @@ def _demand_rest(step: Array, valid: NDArray[np.bool_], target: Strips, camera: 
     for shared in (edges[:-1] + edges[1:])[np.argsort(-number)[:_MODES]] / 2:
         if abs(shared) > _MOVED_RAD:
             try:
-                found = strips_from_step(np.angle(np.exp(1j * (step - shared))), valid, target, camera)
+                found = strips_from_step(wrap(step - shared), valid, target, camera)
             except (DetectionError, FitError):
                 continue
             raise _moved(float(shared) + found.plate_drift_rad)
