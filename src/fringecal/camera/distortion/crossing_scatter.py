@@ -6,7 +6,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-#: A crossing rests on the two pieces of line beside it, or four where they are short.
+#: Crossings along a line over which the autocorrelation is summed: a crossing rests on the two pieces of line beside
+#: it, or four where they are short, so that beyond three it shares nothing; every further lag would add noise alone.
 LAGS = 3
 
 

@@ -11,12 +11,19 @@ from numpy.typing import NDArray
 from fringecal.camera.distortion.crossing_scatter import shared_scatter
 from fringecal.camera.lens.radial_lens import RadialLens
 from fringecal.detect import GridDetection
+from fringecal.numerics import robust_sd
 
 Array = NDArray[np.float64]
 
+#: Radial terms: k1 to k3, as many as Brown's model in OpenCV has beside its rational one.
 MAX_TERMS = 3
-#: Crossings further from the fit than this many robust standard deviations are left out of it.
+#: Crossings further from the fit than this many robust standard deviations are left out of it. A stricter limit would
+#: leave out the rim of a lens that has more terms than the fit.
 OUTLIER_SIGMAS = 6.0
+#: Step of a derivative, in standard uncertainties of the parameter: within what is linear, far above rounding.
+DERIVATIVE_STEP_U = 0.1
+#: Relative changes of parameters and of chi-squared at which lmfit stops, and the most evaluations: it needs some ten.
+_SOLVER = {"xtol": 1e-9, "ftol": 1e-10, "max_nfev": 2000}
 _HOMOGRAPHY = tuple(f"h{i}{j}" for i in range(3) for j in range(3) if (i, j) != (2, 2))
 _LENS = (*(f"k{n + 1}" for n in range(MAX_TERMS)), "cu", "cv", "p1", "p2")
 POSE = frozenset({"h20", "h21"})
@@ -81,7 +88,7 @@ def crossings_of(detection: GridDetection) -> Crossings:
 def without_outliers(crossings: Crossings, fitted: GridFit) -> Crossings:
     """Leave out crossings that lie far from a fit."""
     rest = np.abs(fitted.residual_px / crossings.sigma[:, None]).max(axis=1)
-    keep = rest <= OUTLIER_SIGMAS * 1.4826 * np.median(rest)
+    keep = rest <= OUTLIER_SIGMAS * robust_sd(rest, about=0)
     picked = {name: getattr(crossings, name)[keep] for name in ("points", "site", "index", "sigma")}
     return replace(crossings, **picked)
 
@@ -112,8 +119,7 @@ def fit_lens_on_grid(
         for name in parameters:
             parameters[name].value = start.result.params[name].value
     arguments = (crossings, inverse)
-    solver = {"Dfun": _weighted_slopes, "xtol": 1e-9, "ftol": 1e-10, "max_nfev": 2000}
-    found = lmfit.minimize(_weighted, parameters, args=arguments, **solver)
+    found = lmfit.minimize(_weighted, parameters, args=arguments, Dfun=_weighted_slopes, **_SOLVER)
     rest = _misfit_px(found.params, crossings, inverse=inverse)
     shared = shared_scatter(crossings.site[:, 1], crossings.site[:, 0], crossings.points, rest)
     return GridFit(found, _lens(found.params, crossings, inverse=inverse), rest, shared)
@@ -135,8 +141,9 @@ def left_out_u(crossings: Crossings, fitted: GridFit) -> dict[str, float]:
             fit_lens_on_grid(replace(crossings, **picked), fitted.free, inverse=fitted.lens.inverse, start=fitted)
         )
     names = [name for name in _LENS if name in fitted.free]
+    factor = (len(fits) - 1) / len(fits)
     values = np.array([[each.result.params[name].value for name in names] for each in fits])
-    return dict(zip(names, np.sqrt(0.75 * ((values - values.mean(axis=0)) ** 2).sum(axis=0)).tolist(), strict=True))
+    return dict(zip(names, np.sqrt(factor * ((values - values.mean(axis=0)) ** 2).sum(axis=0)).tolist(), strict=True))
 
 
 def pitches_per_px(crossings: Crossings, fitted: GridFit) -> tuple[float, float]:
@@ -147,7 +154,7 @@ def pitches_per_px(crossings: Crossings, fitted: GridFit) -> tuple[float, float]
         return value, math.nan
     gradient = np.zeros(len(covariance))
     for i, name in enumerate(fitted.result.var_names):
-        moved, step = fitted.result.params.copy(), 0.1 * math.sqrt(covariance[i, i])
+        moved, step = fitted.result.params.copy(), DERIVATIVE_STEP_U * math.sqrt(covariance[i, i])
         moved[name].value += step
         gradient[i] = (_pitches_at_centre(moved, crossings, inverse=fitted.lens.inverse) - value) / step
     return value, math.sqrt(max(0.0, float(gradient @ covariance @ gradient)))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from fringecal.camera.distortion.distortion_fit import (
+    DERIVATIVE_STEP_U,
     MAX_TERMS,
     POSE,
     Crossings,
@@ -30,15 +31,19 @@ Array = NDArray[np.float64]
 Verdict = Literal["none", "barrel", "pincushion"]
 Centre = Literal["auto", "image", "free"]
 
+#: Probability of the F-test at which a perfect lens is called bent: the usual 5 %.
 SIGNIFICANCE = 0.05
 #: Share of distortions of the size of the detection limit that the test finds.
 POWER = 0.95
+#: Fifty coordinates for the fifteen numbers of the richest fit (pose, three radial terms, centre, tangential terms).
 MIN_CROSSINGS = 25
-#: A lens that moves points by more than this part of their radius is described from seen to ideal points.
+#: A lens that moves points by more than this part of their radius is described from seen to ideal points: three terms
+#: then do what five cannot the other way (`docs/camera.md`).
 STRONG = 0.08
-#: A free centre or a third radial term must explain more than chance does once in a thousand.
+#: Further terms of a lens, or a centre of its own, must explain more than chance does once in a thousand: superfluous
+#: ones make the rim of the picture uncertain.
 CHANCE = 0.001
-#: Four fits that leave out a quarter of the grid each have a mean.
+#: Degrees of freedom of four fits that leave out a quarter of the grid each: one goes into their mean.
 JACKKNIFE_DOF = 3.0
 
 
@@ -264,8 +269,8 @@ def _largest_displacement(crossings: Crossings, fitted: GridFit) -> tuple[Estima
     gradient = np.zeros(len(u_all))
     for i, name in enumerate(fitted.result.var_names):
         if not name.startswith("h"):
-            moved = fitted.lens_with(name, 0.1 * u_all[i], crossings)
-            gradient[i] = (float(moved.outward_px(place)[0]) - value) / (0.1 * u_all[i])
+            moved = fitted.lens_with(name, DERIVATIVE_STEP_U * u_all[i], crossings)
+            gradient[i] = (float(moved.outward_px(place)[0]) - value) / (DERIVATIVE_STEP_U * u_all[i])
     u = math.sqrt(max(0.0, float(gradient @ covariance @ gradient)))
     radius = float(np.hypot(*(place[0] - fitted.lens.centre_px)))
     return Estimate(value, u, "px", "largest displacement", fitted.result.nfree), radius

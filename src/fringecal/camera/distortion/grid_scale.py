@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 #: Distances are taken over these numbers of pitches, as far as the grid reaches.
 SPANS = (1, 2, 5, 10)
-#: The factor comes from this middle part of the lines; the rest serves as check points.
+#: The factor comes from this middle part of the lines, as in the thesis; the rest serves as check points.
 MIDDLE_PART = 1 / 3
 
 

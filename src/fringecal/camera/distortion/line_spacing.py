@@ -10,6 +10,7 @@ from fringecal.detect import FAMILIES, Family, GridDetection
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate
 
+#: Pairs of neighbouring crossings: with fewer a mean has no scatter to speak of.
 MIN_STEPS = 3
 
 

@@ -9,7 +9,9 @@ from fringecal.errors import DetectionError
 
 Array = NDArray[np.float64]
 
+#: Points of a line, and lines of a family: two always lie on a straight line.
 MIN_POINTS = 3
+#: Points of a line whose bow is asked for: with fewer its curvature is noise, and the centre would follow it.
 MIN_BOW_POINTS = 12
 
 

@@ -31,10 +31,14 @@ from fringecal.errors import FitError
 Array = NDArray[np.float64]
 Solver = Literal["auto", "mrcal", "opencv"]
 
+#: Poses: two hardly tell focal length from distance, and of three none can be left out.
 MIN_VIEWS = 3
+#: Points of a view: sixteen coordinates for the six numbers of its pose, so that it says something of the lens too.
 MIN_POINTS = 8
-#: Halves of the views are solved apart when each has this many.
+#: Halves of the views are solved apart when each has this many: one more than a lens needs.
 MIN_HALF = 4
+#: Share of a view's points that must agree with the others' lens; of a wrong board or a zoomed lens hardly any do.
+_LEAST_AGREEING = 0.5
 
 
 @dataclass(frozen=True)
@@ -196,7 +200,9 @@ def _without_strangers(
 ) -> tuple[SolvedLens, tuple[int, ...]]:
     """Solve, leave out the views of which less than half agrees with the rest, and solve again."""
     solved = solve_lens(views, shape, way)
-    dropped = tuple(k for k, view in enumerate(solved.views) if len(view.seen_px) < max(MIN_POINTS, view.shown / 2))
+    dropped = tuple(
+        k for k, view in enumerate(solved.views) if len(view.seen_px) < max(MIN_POINTS, _LEAST_AGREEING * view.shown)
+    )
     if not dropped:
         return solved, ()
     rest = [view for k, view in enumerate(views) if k not in dropped]

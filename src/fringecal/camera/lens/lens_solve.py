@@ -27,10 +27,13 @@ from fringecal.errors import FitError
 Array = NDArray[np.float64]
 Model = Literal["brown"] | RichModel
 
-#: A focal length known worse than this was not determined by the views.
+#: A focal length known worse than this, relative, was not determined by the views. A larger limit would let boards
+#: through that are hardly tilted, a smaller one refuse few poses in large noise whose u says truly what they are worth.
 MAX_FOCAL_REL_U = 0.02
 #: Corners of real pictures scatter by this much at least, px.
 LEAST_SCATTER_PX = 0.02
+#: Bounds of a first focal length, in lengths of the picture's longer side: fields of 118 deg and of 2 deg.
+_FOCAL_BOUNDS = (0.3, 30.0)
 
 
 @dataclass(frozen=True)
@@ -173,7 +176,8 @@ def _started(points: Sequence[BoardPoints], shape: tuple[int, int]) -> tuple[Arr
     board, seen = [_single(each.board_mm) for each in points], [_single(each.seen_px) for each in points]
     size = (shape[1], shape[0])
     focal = cv2.initCameraMatrix2D(board, seen, size)[0, 0]
-    focal = float(np.clip(focal if np.isfinite(focal) else max(shape), 0.3 * max(shape), 30.0 * max(shape)))
+    shortest, longest = (bound * max(shape) for bound in _FOCAL_BOUNDS)
+    focal = float(np.clip(focal if np.isfinite(focal) else max(shape), shortest, longest))
     matrix = camera_matrix(np.array([focal, focal, (shape[1] - 1) / 2, (shape[0] - 1) / 2]))
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_FIX_K3
     try:

@@ -10,9 +10,11 @@ from fringecal.errors import FitError
 
 Array = NDArray[np.float64]
 
-_LENS_STEPS = np.array([1e-2, 1e-2, 1e-2, 1e-2, 1e-5, 1e-5, 1e-6, 1e-6, 1e-5])
+# Steps of central differences: each moves a point by about 0.01 px or less, where a lens is linear, far above rounding.
+_LENS_STEPS = np.array([1e-2, 1e-2, 1e-2, 1e-2, 1e-5, 1e-5, 1e-6, 1e-6, 1e-5])  # as `LENS_NAMES`: px, then no unit
 _TURN_STEP_RAD = 1e-6
 _SHIFT_STEP = 1e-6  # of the distance
+_TURN_SCALE_RAD = 1e-3  # size of the turn between two lenses, for the solver: about a pixel
 
 
 def projection_uncertainty_px(
@@ -114,7 +116,7 @@ def projection_difference_px(first: Lens, second: Lens) -> Array:
     def misfit(turn: Array) -> Array:
         return (second.project(Rotation.from_rotvec(turn).apply(rays[known])) - pixels[known]).ravel()
 
-    rest = least_squares(misfit, np.zeros(3), x_scale=1e-3).fun.reshape(-1, 2)
+    rest = least_squares(misfit, np.zeros(3), x_scale=_TURN_SCALE_RAD).fun.reshape(-1, 2)
     apart = np.full(len(pixels), np.nan)
     apart[known] = np.hypot(rest[:, 0], rest[:, 1])
     return apart

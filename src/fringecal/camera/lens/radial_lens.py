@@ -7,8 +7,12 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-UNDISTORT_STEPS = 50
-UNDISTORT_ENOUGH_PX = 1e-9
+UNDISTORT_STEPS = 50  # at most; Newton's method takes three or four where the lens does not fold
+UNDISTORT_ENOUGH_PX = 1e-9  # far below any crossing's scatter, well above rounding
+LEAST_SLOPE = 0.2
+"""Floor of d(there)/d(here): no picture that is used shrinks to a fifth, and at 0 the polynomial folds. A step that is
+divided by it stays finite, and ends elsewhere than it should, which the residual shows."""
+_CENTRE_PX = 1e-12  # of a radius: at the centre itself there is no direction outward, nor any displacement
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ class RadialLens:
         [2.0]
         """
         arm = points_px - self.centre_px
-        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), 1e-12)
+        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), _CENTRE_PX)
         return np.einsum("ij,ij->i", points_px - self.undistort(points_px), arm) / length
 
     def shrunk(self, points_px: Array, offset_px: Array) -> Array:
@@ -65,11 +69,11 @@ class RadialLens:
         its factor.
         """
         arm = points_px - self.centre_px
-        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), 1e-12)
+        length = np.maximum(np.hypot(arm[:, 0], arm[:, 1]), _CENTRE_PX)
         unit = arm / length[:, None]
         along = np.einsum("ij,ij->i", offset_px, unit)[:, None] * unit
         r2 = (length / self.half_diagonal_px) ** 2
-        factor = np.maximum(1 + sum(k * r2 ** (n + 1) for n, k in enumerate(self.radial)), 0.2)
+        factor = np.maximum(1 + sum(k * r2 ** (n + 1) for n, k in enumerate(self.radial)), LEAST_SLOPE)
         return along / self._slope(points_px)[:, None] + (offset_px - along) / factor[:, None]
 
     def brown_k1(self, focal_px: float) -> float:
@@ -125,4 +129,4 @@ class RadialLens:
         """Radial stretch d(there)/d(here), kept away from 0 where the polynomial folds."""
         x, y = ((points_px - self.centre_px) / self.half_diagonal_px).T
         r2 = x * x + y * y
-        return np.maximum(1 + sum((2 * n + 3) * k * r2 ** (n + 1) for n, k in enumerate(self.radial)), 0.2)
+        return np.maximum(1 + sum((2 * n + 3) * k * r2 ** (n + 1) for n, k in enumerate(self.radial)), LEAST_SLOPE)

@@ -20,16 +20,21 @@ Array = NDArray[np.float64]
 RichModel = Literal["opencv8", "splined"]
 
 RATIONAL = "LENSMODEL_OPENCV8"
-#: A splined surface follows every wrong corner where few points hold it: so much must be there.
+#: A splined surface follows every wrong corner where few points hold it: so many views, coordinates for each unknown,
+#: and share of the picture's cells with points must be there.
 MIN_SPLINED_VIEWS = 10
 MIN_SPLINED_EXCESS = 4.0
 MIN_SPLINED_COVERAGE = 0.6
 _KNOTS = 10  # across the picture
 _SPLINE_MARGIN = 1.15  # of the field: a cubic needs a knot beyond the outermost point
-_CELLS = (6, 8)
-_SAMPLES = 20  # along either side of the picture
+_CELLS = (6, 8)  # down and across the picture, for its coverage: a board in one pose covers several
+_SAMPLES = 20  # along either side of the picture: smooth beside the nine numbers of Brown's lens
+_STEP_U = 1e-3  # of a derivative, in standard uncertainties of the value
+_LEAST_SCALE = 1e-3  # of a distortion's term, for the solver: what a usual lens has of it
+_TOLERANCE = 1e-14  # relative change at which the solver stops: to float64's last digits, so that two lenses compare
+#: OpenCV's search for undistorted points: at most a hundred steps, and until they stand still.
 _EXACT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-14)
-_BROWN_STEP = 1e-6
+_BROWN_STEP = 1e-6  # of a derivative by Brown's terms, in sizes of each
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class RichLens:
 
     def gradient(self, rays: Array) -> Array:
         """Derivatives (n, 2, size) of the pixels by those values that are not exact, zero for the others."""
-        steps = 1e-3 * np.sqrt(np.diag(self.covariance))
+        steps = _STEP_U * np.sqrt(np.diag(self.covariance))
         columns = np.zeros((len(rays), 2, len(steps)))
         for k in np.flatnonzero(steps > 0):
             change = np.zeros(len(steps))
@@ -101,14 +106,14 @@ def brown_of(rich: RichLens, rays: Array, *, start: Array, radial_terms: int = 3
     carried over to first order; what is left between the two is given beside it.
     """
     seen, free = rich.project(rays), radial_terms + 6
-    scale = np.concatenate([np.maximum(np.abs(start[:free]), 1e-3), np.ones(3)])
+    scale = np.concatenate([np.maximum(np.abs(start[:free]), _LEAST_SCALE), np.ones(3)])
 
     def misfit(vector: Array) -> Array:
         values = np.pad(vector[:free], (0, len(LENS_NAMES) - free))
         return (project(values, Rotation.from_rotvec(vector[free:]).apply(rays)) - seen).ravel()
 
     begin = np.concatenate([start[:free], np.zeros(3)])
-    solved = least_squares(misfit, begin, x_scale=scale, xtol=1e-14, ftol=1e-14)
+    solved = least_squares(misfit, begin, x_scale=scale, xtol=_TOLERANCE, ftol=_TOLERANCE)
     gradient = np.stack(
         [
             (misfit(solved.x + step) - misfit(solved.x - step)) / (2 * step.sum())

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy import special
 
+from fringecal.camera.distortion.distortion_test import CHANCE
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES
 from fringecal.camera.plate.plate_fit import CameraFit, fit_plate_camera
@@ -12,7 +13,7 @@ from fringecal.targets import grid_points_mm
 from fringecal.uncertainty import Estimate
 
 _DISTORTION = (("k1",), ("k1", "k2"), ("k1", "k2", "p1", "p2"))
-_CHANCE = 0.001
+_MUCH_SMALLER = 0.9  # of the residual's rms, where too few crossings are left for an F-test
 
 
 def fit_grid_camera(
@@ -85,8 +86,8 @@ def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:
     A sheet whose lines bend counts as a residual: what a richer lens explains need not be put on the sheet.
     """
     if richer.dof < 1 or plain.dof <= richer.dof:
-        return richer.dof >= 1 and richer.rms_px < 0.9 * plain.rms_px
+        return richer.dof >= 1 and richer.rms_px < _MUCH_SMALLER * plain.rms_px
     variance = richer.rms_px**2 + 1e-300
     squares = [fit.rms_px**2 / variance * fit.dof + fit.strain for fit in (plain, richer)]
     added = plain.dof - richer.dof
-    return bool(special.fdtrc(added, richer.dof, max(squares[0] - squares[1], 0.0) / added) < _CHANCE)
+    return bool(special.fdtrc(added, richer.dof, max(squares[0] - squares[1], 0.0) / added) < CHANCE)

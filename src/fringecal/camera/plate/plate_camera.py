@@ -30,8 +30,12 @@ CAMERA_NAMES = (
     "cv_px",
     "height_mm",  # entrance pupil above the plate; no meaning for a telecentric lens
 )
-_NEWTON_STEPS = 8
+_NEWTON_STEPS = 8  # at most; each doubles the number of right digits
 _NEWTON_DONE = 1e-15  # of the length by which coordinates are normalised
+_FOLD = 1e-3  # slope of the seen radius over the ideal one, below which the polynomial folds and no ray is seen
+_STEP_U = 0.1  # of a derivative, in standard uncertainties of the parameter: within what is linear
+#: Least steps of derivatives, in the order and units of `CAMERA_NAMES`: each moves a crossing by 0.001 px or less.
+_LEAST_STEPS = np.array([1e-7, 1e-7, 1e-7, 1e-7, 1e-6, 1e-6, 1e-8, 1e-8, 1e-6, 1e-4, 1e-4, 1e-3])
 
 
 @dataclass(frozen=True)
@@ -164,8 +168,7 @@ class PlateCamera:
 
 def parameter_steps(camera: PlateCamera) -> Array:
     """Return steps for numeric derivatives: each parameter's standard uncertainty, or a small floor."""
-    floor = np.array([1e-7, 1e-7, 1e-7, 1e-7, 1e-6, 1e-6, 1e-8, 1e-8, 1e-6, 1e-4, 1e-4, 1e-3])
-    return np.maximum(0.1 * np.sqrt(np.diag(camera.covariance)), floor)
+    return np.maximum(_STEP_U * np.sqrt(np.diag(camera.covariance)), _LEAST_STEPS)
 
 
 def _axis(camera: PlateCamera) -> Array:
@@ -257,7 +260,7 @@ def _undistort_radial(xd: Array, yd: Array, k1: float, k2: float, k3: float) -> 
             r2 = r * r
             value = r * (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) - rd
             slope = 1 + r2 * (3 * k1 + r2 * (5 * k2 + 7 * r2 * k3))
-            step = value / np.where(slope > 1e-3, slope, np.nan)
+            step = value / np.where(slope > _FOLD, slope, np.nan)
             r = r - step
             if not np.any(np.abs(step) > _NEWTON_DONE):
                 break

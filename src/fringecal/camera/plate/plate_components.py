@@ -9,6 +9,8 @@ from fringecal.camera.plate.plate_solve import Solution
 
 Array = NDArray[np.float64]
 
+_STEP_U = 1e-3  # of a derivative, in standard uncertainties of the parameter: within what is linear
+_LEAST_STEP = 1e-12  # of parameters that are known exactly, in their own units
 _DOUBTS = {"cu_px": "principal point, u", "cv_px": "principal point, v"}
 _LEANING = {"tilt_x_rad": "camera tilt, x", "tilt_y_rad": "camera tilt, y"}
 
@@ -16,10 +18,10 @@ _LEANING = {"tilt_x_rad": "camera tilt, x", "tilt_y_rad": "camera tilt, y"}
 def causes_of(problem: Problem, solution: Solution) -> dict[str, Array]:
     """Return what one standard uncertainty of each stated input does to the camera (Kalman gain times u)."""
     free = list(problem.free)
-    rows = {"grid pitch": _unit_row(solution.vector.size, problem.stretch_place) / max(problem.stretch_u, 1e-9)}
+    rows = {"grid pitch": _unit_row(solution.vector.size, problem.stretch_place) / problem.stretch_u}
     height = CAMERA_NAMES.index("height_mm")
     if problem.height is not None and height in free:
-        rows["camera height"] = _unit_row(solution.vector.size, free.index(height)) / max(problem.height.u, 1e-6)
+        rows["camera height"] = _unit_row(solution.vector.size, free.index(height)) / problem.height_u_mm
     for place, u in problem.doubts.items():
         rows[_DOUBTS[CAMERA_NAMES[free[place]]]] = _unit_row(solution.vector.size, place) / u
     causes = {}
@@ -44,7 +46,7 @@ def _lens_causes(problem: Problem, solution: Solution) -> dict[str, Array]:
         return {}
     observed, whitening = lens_rows(problem.lens)
     base = lens_of(camera_of(problem, solution.vector))
-    steps = np.maximum(1e-3 * np.sqrt(np.diag(solution.covariance)), 1e-12)
+    steps = np.maximum(_STEP_U * np.sqrt(np.diag(solution.covariance)), _LEAST_STEP)
     columns = [
         (lens_of(camera_of(problem, solution.vector + step)) - base)[observed] / step.sum() for step in np.diag(steps)
     ]

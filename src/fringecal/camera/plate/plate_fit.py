@@ -16,6 +16,9 @@ from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
+#: Standard uncertainty of a crossing that states none, px: what detection reaches on a picture with some noise.
+CROSSING_U_PX = 0.05
+
 
 @dataclass(frozen=True)
 class CameraFit:
@@ -45,7 +48,7 @@ def fit_plate_camera(
     shape: tuple[int, int],
     *,
     pitch_rel_u: float,
-    sigma_px: Array | float = 0.05,
+    sigma_px: Array | float = CROSSING_U_PX,
     height_mm: Estimate | None = None,
     telecentric: bool = False,
     lens: Lens | None = None,

@@ -31,7 +31,32 @@ LEANING_RAD = math.radians(1.0)
 #: 0.02 px at most), and no paper lies flatter. Left out, a long lens takes it for tilt.
 _BEND_U_PX = 0.005
 _BENDS = 7  # a shear; u^2, uv, v^2 in either coordinate
-_FREE_PX = 100.0  # the shear that parallel rays make where they lean
+_FREE_PX = 100.0  # the shear that parallel rays make where they lean: no observation beside crossings known to 0.05 px
+_LEAST_HEIGHT_U_MM = 1e-6  # of a height that is stated as exact: a division needs one
+_GUESS_HEIGHT_MM = 1000.0  # where the lens and the grid's scale tell it: only what the solver starts from
+_WORST_START = 0.2  # of the crossings' spread: a similarity leaves less of any view that can be used (tilt, lens)
+
+
+@dataclass(frozen=True)
+class _Noticeable:
+    """Changes that a solver's first derivatives are taken over: about a tenth of a pixel at the picture's rim.
+
+    Parameters
+    ----------
+    px
+        At the rim.
+    centre_px
+        Of the principal point, which tilt makes up for but for its higher terms.
+    height
+        Of the camera's height, which scale makes up for, relative.
+    """
+
+    px: float = 0.1
+    centre_px: float = 1.0
+    height: float = 1e-3
+
+
+_NOTICEABLE = _Noticeable()
 
 
 @dataclass(frozen=True)
@@ -53,6 +78,11 @@ class Problem:
     def stretch_place(self) -> int:
         """Place of the sheet's stretch in the vector."""
         return len(self.free) + 3
+
+    @property
+    def height_u_mm(self) -> float:
+        """Standard uncertainty of the stated height; that of one that is stated as exact is next to none."""
+        return _LEAST_HEIGHT_U_MM if self.height is None else max(self.height.u, _LEAST_HEIGHT_U_MM)
 
     @cached_property
     def bent_px(self) -> Array:
@@ -93,7 +123,7 @@ def prepare(  # noqa: PLR0913, PLR0917 -- gathers what `fit_plate_camera` was gi
     if lens is not None:
         _refuse_other_camera(lens, shape, telecentric=telecentric)
     values = {} if lens is None else lens_parameters(lens)
-    guess = 1.0 if telecentric else (height.value if height else 1000.0)
+    guess = 1.0 if telecentric else (height.value if height else _GUESS_HEIGHT_MM)
     start = PlateCamera.from_values(
         {"height_mm": guess, "scale_mm_per_px": 1.0} | values, shape, telecentric=telecentric
     )
@@ -159,7 +189,7 @@ def first_guess(problem: Problem) -> Array:
     design = np.column_stack([plate, np.ones_like(plate)])
     (gain, shift), *_ = np.linalg.lstsq(design, picture, rcond=None)
     residual = picture - design @ np.array([gain, shift])
-    if np.std(residual) > 0.2 * np.std(picture):
+    if np.std(residual) > _WORST_START * np.std(picture):
         raise FitError(
             "The crossings and the sheet do not fit together even roughly: the index of rows or columns runs "
             "the wrong way or slipped."
@@ -186,12 +216,13 @@ def noticeable(problem: Problem, vector: Array) -> Array:
     """Return changes of the parameters that move crossings at the picture's rim by about a tenth of a pixel."""
     camera = camera_of(problem, vector)
     half = math.hypot(camera.width_px, camera.height_px) / 2
-    share, slant = 0.1 / half, half / camera.focal_px
+    share, slant = _NOTICEABLE.px / half, half / camera.focal_px
     size = {"k1": share / slant**2, "k2": share / slant**4, "k3": share / slant**6}
     size |= dict.fromkeys(("tilt_x_rad", "tilt_y_rad", "p1", "p2"), share / slant)
-    size |= {"scale_mm_per_px": share * camera["scale_mm_per_px"], "aspect": share, "cu_px": 1.0, "cv_px": 1.0}
-    size |= {"height_mm": 1e-3 * camera["height_mm"]}
-    shift = 0.1 * camera["scale_mm_per_px"]
+    size |= {"scale_mm_per_px": share * camera["scale_mm_per_px"], "aspect": share}
+    size |= {"cu_px": _NOTICEABLE.centre_px, "cv_px": _NOTICEABLE.centre_px}
+    size |= {"height_mm": _NOTICEABLE.height * camera["height_mm"]}
+    shift = _NOTICEABLE.px * camera["scale_mm_per_px"]
     return np.array(
         [*(size[CAMERA_NAMES[i]] for i in problem.free), share, shift, shift, share, *[_BEND_U_PX] * _BENDS]
     )
@@ -218,11 +249,11 @@ def residuals(problem: Problem, vector: Array, keep: NDArray[np.bool_], factor: 
     du, dv = misfit_px(problem, vector)
     sigma = problem.sigma[keep] * factor
     rows = [du[keep] / sigma, dv[keep] / sigma, bends_of(problem, vector)]
-    rows.append(np.atleast_1d(vector[problem.stretch_place] / max(problem.stretch_u, 1e-9)))
+    rows.append(np.atleast_1d(vector[problem.stretch_place] / problem.stretch_u))
     rows += [np.atleast_1d(vector[i] / u) for i, u in problem.doubts.items()]
     camera = camera_of(problem, vector)
     if problem.height is not None:
-        rows.append(np.atleast_1d((camera["height_mm"] - problem.height.value) / max(problem.height.u, 1e-6)))
+        rows.append(np.atleast_1d((camera["height_mm"] - problem.height.value) / problem.height_u_mm))
     if problem.lens is not None:
         observed, whitening = lens_rows(problem.lens)
         rows.append(whitening @ (lens_of(camera) - problem.lens.values)[observed])

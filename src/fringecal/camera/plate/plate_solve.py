@@ -11,11 +11,17 @@ from scipy.optimize import least_squares
 from fringecal.camera.distortion.crossing_scatter import shared_scatter
 from fringecal.camera.plate.plate_problem import Problem, misfit_px, noticeable, residuals
 from fringecal.errors import FitError
+from fringecal.numerics import robust_sd
 
 Array = NDArray[np.float64]
 
 MIN_CROSSINGS = 12
-_OUTLIER = 4.0  # residuals beyond this many robust sigmas are wrong crossings, not noise
+"""Of a grid: 24 coordinates for the camera's and the sheet's numbers, some dozen without those that are stated."""
+_OUTLIER = 4.0  # residuals beyond this many robust standard deviations are wrong crossings, not noise
+_LEAST_ROBUST = 1e-9  # drawn crossings scatter by rounding alone; none is an outlier of that
+_LEAST_AGREEING = 0.5  # of the crossings: fewer are no majority, and either half might be the wrong one
+_ROUNDS = 3  # of leaving crossings out and scaling their sigma: the set settles after two
+_CONVERGED = 1e-10  # relative change of parameters and of the sum of squares at which the solver stops
 #: Of the largest singular value, all parameters being of one size: below it derivatives are rounding errors.
 _LEAST_SINGULAR = 1e-7
 _STEP = 0.05  # of a derivative: so many standard uncertainties of the parameter, were the others known
@@ -48,7 +54,7 @@ def _least_squares(residuals: Callable[[Array], Array], start: Array, sizes: Arr
     def slopes(q: Array) -> Array:
         return _derivatives(residuals, start + unit * q, _STEP * unit) * unit
 
-    found = least_squares(scaled, np.zeros(start.size), slopes, x_scale="jac", xtol=1e-10, ftol=1e-10)
+    found = least_squares(scaled, np.zeros(start.size), slopes, x_scale="jac", xtol=_CONVERGED, ftol=_CONVERGED)
     return start + unit * found.x, slopes(found.x) / unit
 
 
@@ -85,12 +91,12 @@ def solve_robustly(
     # From afar the crossings count little beside what is stated, or a first step may throw the height away.
     far = float(np.sqrt(np.mean((np.concatenate(misfit_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
     solution = _solve(problem, start, keep, max(1.0, far))
-    for _ in range(3):
+    for _ in range(_ROUNDS):
         du, dv = misfit_px(problem, solution.vector)
         size = np.hypot(du, dv) / problem.sigma
-        robust = 1.4826 * np.median(np.abs(np.concatenate([du, dv]) / np.tile(problem.sigma, 2)))
-        keep = size < _OUTLIER * math.sqrt(2) * max(robust, 1e-9)
-        if np.count_nonzero(keep) < max(MIN_CROSSINGS, 0.5 * keep.size):
+        robust = robust_sd(np.concatenate([du, dv]) / np.tile(problem.sigma, 2), about=0)
+        keep = size < _OUTLIER * math.sqrt(2) * max(robust, _LEAST_ROBUST)
+        if np.count_nonzero(keep) < max(MIN_CROSSINGS, _LEAST_AGREEING * keep.size):
             raise FitError(
                 f"Only {np.count_nonzero(keep)} of {keep.size} crossings agree with one flat sheet seen by one "
                 "camera: the sheet is bent, or lines were mistaken."
