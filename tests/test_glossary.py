@@ -31,22 +31,22 @@ PLAIN = set(
     """
     a about above across added administration after against all alone along also amount an and any apart
     appended are as at average axis bad bare be before beforehand below bench beside best between both browser
-    but by calibrated call can cannot captured changed checked choosing chosen column come command compared
-    compares conditionalfail conditionalpass constant convention corner could counted customer data database
-    date day days decision default deg degc depart descent design difference distance do does done drawn each
-    end enlarged entry environment every exception fail fails fast figure file first fitted five folder
-    following for formula found fringecal from full further geometry glossary good here horizontal house how
-    identification if in info input is issued it item its itself judged kept key kind known laboratory large
+    but by calibrated call can cannot captured changed checked choosing chosen closed column come command
+    compared compares conditionalfail conditionalpass constant convention corner could counted cover customer
+    data database date day days decision default deg degc depart descent design difference distance do does done
+    drawn each end enlarged entry environment every exception fail fails fast figure file first fitted five
+    folder following for formula found fringecal from full further geometry glossary good here horizontal house
+    how identification if in info input is issued it item its itself judged kept key kind known laboratory large
     largest last later leaf least left less licence like literature look made marked max may measure measured
     measuring middle millimetre min minute month more most moved must name named need neglecting new next no
     none not note now number obeys object of old older on one only or origin other otherwise out outside over
     own page part pass per percent periodic picture piece possible power predicted prediction probably program
     published purpose rad rank read reading real reason refused report result room row run same say second see
-    seen service session several sha share side since small smallest smooth so software space state statement status
-    still store such table taken temperature term tested than that the their them there these thesis they thing
-    this those three through time times to today together too top true turning tutorial twenty two under up use
-    used usual verdict version vertical was way what when where whether which who whole whose why will with
-    without word worst would year
+    seen service session several sha share show shows side since small smallest smooth so software space state
+    statement status still store such symbol table taken temperature term test tested than that the their them
+    there these thesis they thing this those three through time times to today together too top true turning
+    tutorial twenty two under up use used usual verdict version vertical was way what when where whether which
+    who whole whose why will with without word worst would year
     """.split()  # noqa: SIM905 read as text, kept as text
 )
 
