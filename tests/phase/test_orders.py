@@ -1,4 +1,4 @@
-"""Fringe orders by Gray code, reference, counted fields and two periods; one picture; smoothing."""
+"""Fringe orders by Gray code, reference and two periods; one picture; smoothing."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,6 @@ from fringecal.phase import (
     unwrap_guided,
     unwrap_temporal,
 )
-from fringecal.thesis import count_fields
 
 SHAPE = (160, 240)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
@@ -99,30 +98,6 @@ def test_gray_code_says_where_it_cannot_be_read():
         decode_gray(frames, white[:2], black)
     with pytest.raises(PhaseError, match="the half code"):
         unwrap_gray(np.zeros((4, 8)), code, half_code=np.zeros(3))
-
-
-def test_counting_fields_needs_the_repair_where_the_surface_turns_back(wrap):
-    # Rising all the way, both rules are right; on a fold the plain rule goes on counting upward.
-    rising = 0.4 * np.arange(200.0)[:, None] + np.zeros((200, 3))
-    for rule in ("plain", "regions"):
-        np.testing.assert_allclose(count_fields(wrap(rising), rule=rule), rising, atol=1e-9)
-    fold = 30 - 0.4 * np.abs(np.arange(200.0) - 75)[:, None] + np.zeros((200, 3))
-    right = count_fields(wrap(fold), rule="regions") - fold
-    np.testing.assert_allclose(right, right[0, 0], atol=1e-9)
-    wrong = count_fields(wrap(fold), rule="plain") - fold
-    np.testing.assert_allclose(wrong[:70], right[0, 0], atol=1e-9)
-    assert np.abs(wrong[-1, 0] - right[0, 0]) > 2 * np.pi
-    np.testing.assert_allclose(count_fields(wrap(fold).T, axis=1).T, count_fields(wrap(fold)))
-
-
-def test_a_count_ends_at_a_gap(wrap):
-    rising = 0.4 * np.arange(60.0)[:, None]
-    valid = np.ones_like(rising, bool)
-    valid[[0, 30]] = False
-    found = count_fields(wrap(rising), valid)
-    np.testing.assert_array_equal(np.isfinite(found[:, 0]), (np.arange(60) > 0) & (np.arange(60) < 30))
-    with pytest.raises(PhaseError, match='"plain" or "regions"'):
-        count_fields(rising, rule="other")
 
 
 def test_one_picture_gives_the_phase_of_a_smooth_surface(rng, wrap, camera):

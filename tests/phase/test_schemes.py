@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fringecal.errors import PhaseError
-from fringecal.phase import buckets, carre, least_squares, quadrant_phase, scheme
+from fringecal.phase import buckets, carre, least_squares, scheme
+from fringecal.thesis import quadrant_phase
 
 PHI = np.linspace(-np.pi, np.pi, 3601)[:-1] + 1e-4
 NAMES = ["three-120", "three-90", "four", "hariharan-5", "schwider-4", "8-bucket"]
@@ -133,17 +134,6 @@ def test_gamma_ripple_is_the_closed_form(gamma, peak, rms, wrap):
     )
     # The printed form leaves out a8 onward: 0.012 deg.
     assert np.rad2deg(np.abs(wrap(error - exact)).max()) < 0.02
-
-
-def test_quadrant_table_is_atan2_and_undefined_at_the_origin():
-    # The printed table, one line per case, t = atan|N/D| = 30 deg or the axis itself.
-    n = np.array([1, 1, 1, 0, -1, -1, -1, 0]) * 0.5
-    d = np.array([1, 0, -1, -1, -1, 0, 1, 1]) * np.sqrt(3) / 2
-    expected = [30, 90, 150, 180, 210, 270, 330, 0]
-    np.testing.assert_allclose(np.rad2deg(quadrant_phase(n, d)), expected, atol=1e-9)
-    assert np.isnan(quadrant_phase(0.0, 0.0))
-    y, x = np.sin(PHI), np.cos(PHI)
-    np.testing.assert_allclose(quadrant_phase(y, x), np.arctan2(y, x) % (2 * np.pi), atol=1e-12)
 
 
 def test_the_other_sign_convention_mirrors_the_phase(fringes):

@@ -68,9 +68,6 @@ from .demodulation.schemes import (
     least_squares as least_squares,
 )
 from .demodulation.schemes import (
-    quadrant_phase as quadrant_phase,
-)
-from .demodulation.schemes import (
     scheme as scheme,
 )
 from .demodulation.smoothing import (

@@ -1,4 +1,4 @@
-"""Methods of the 2008 thesis that nothing else uses, kept runnable: counting fringes, images by formula."""
+"""Methods of the 2008 thesis that nothing else uses, kept runnable: counted fringes, quadrants, images by formula."""
 
 import lazy_loader
 

@@ -10,3 +10,6 @@ from .analytic import (
 from .counting import (
     count_fields as count_fields,
 )
+from .quadrants import (
+    quadrant_phase as quadrant_phase,
+)

@@ -9,14 +9,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN, wrap
 from fringecal.phase import PhaseMap, demodulate, unwrap_regions
 from fringecal.simulate import THIRDS_RAD, analytic_images, rectangle_px, zigzag_px
 
-ANGLES_DEG = (45.0, 50.7)
-_SHAPE = (240, 320)
-_WHITE = 256.0  # the images reach 255 by design: nothing is cut off
+ANGLES_DEG = (45.0, 50.7)  # projection angles: the one at which height is shift, and that of the thesis's rig
+_SHAPE = (240, 320)  # rows and columns of the pictures, px
+_WHITE = 256.0  # grey levels; the images reach 255 by design: nothing is cut off
 _WIDE_PX, _FINE_PX = 120.0, 20.0  # periods: a step of the rectangle must stay below half of one, a slope need not
-_SECTIONS = (0.3, 0.5, 0.9)  # through the object twice, and beside it
+_SECTIONS = (0.3, 0.5, 0.9)  # of the picture's height: through the object twice, and beside it
 
 
 @dataclass(frozen=True)
@@ -71,11 +72,11 @@ def analytic_cases() -> Iterator[AnalyticCase]:
 def _case(name: str, true_px: NDArray[np.float64], angle_deg: float, pitch_px: float) -> AnalyticCase:
     frames, bare = (_pictures(z, angle_deg, pitch_px) for z in (true_px, np.zeros(_SHAPE)))
     phase, plate = (demodulate(f, THIRDS_RAD, white_level=_WHITE) for f in (frames, bare))
-    step = np.angle(np.exp(1j * (phase.phase.astype(float) - plate.phase)))
+    step = wrap(phase.phase.astype(float) - plate.phase)
     if pitch_px < _WIDE_PX:
         step = unwrap_regions(step, phase.valid & plate.valid).phase
-        step -= 2 * np.pi * np.rint(np.nanmedian(step[0]) / (2 * np.pi))  # the first row is bare background
-    height = -step * pitch_px / (2 * np.pi * np.tan(np.radians(angle_deg)))
+        step -= TURN * np.rint(np.nanmedian(step[0]) / TURN)  # the first row is bare background
+    height = -step * pitch_px / (TURN * np.tan(np.radians(angle_deg)))
     return AnalyticCase(name, angle_deg, pitch_px, frames, phase, true_px, height)
 
 

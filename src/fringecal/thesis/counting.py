@@ -13,9 +13,9 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN
 
-_TWO_PI = 2 * np.pi
-_QUARTERS = 2 / np.pi
+_QUARTERS = 2 / np.pi  # regions per rad
 
 
 def count_fields(
@@ -66,7 +66,7 @@ def count_fields(
         if mask.shape != wrapped.shape:
             raise PhaseError(f"valid has shape {mask.shape}, the phase map {wrapped.shape}: give one value per pixel")
         usable &= mask
-    lines = np.mod(np.where(usable, wrapped, np.nan), _TWO_PI)
+    lines = np.mod(np.where(usable, wrapped, np.nan), TURN)
     counted = _count(np.ascontiguousarray(np.moveaxis(lines, axis, -1)), rule == "regions")
     return np.ascontiguousarray(np.moveaxis(counted, -1, axis))
 
@@ -86,7 +86,7 @@ def _count(lines, by_regions):  # type: ignore[no-untyped-def]
             if began:
                 field += _step(last, here, by_regions)
             began, last = True, here
-            counted[i, j] = here + _TWO_PI * field
+            counted[i, j] = here + TURN * field
     return counted
 
 

@@ -11,6 +11,30 @@ _MIN_SHARE = 0.3  # of a block's pixels that must be valid: a plane through fewe
 
 
 @dataclass(frozen=True)
+class _Reweighting:
+    """How planes are fitted in the L1 sense, by least squares with weights 1 / residual.
+
+    Parameters
+    ----------
+    rounds
+        From a plain least-squares plane; after twelve the plane stands still to a thousandth of its residuals.
+    least_mm, least_share
+        Floor of a residual, so that a pixel on the plane gets no endless weight: a micrometre, and a tenth of the
+        block's mean.
+    ridge
+        Of the normal matrix's trace: a block whose pixels lie on a line has no plane, and must not stop the others.
+    """
+
+    rounds: int = 12
+    least_mm: float = 1e-3
+    least_share: float = 0.1
+    ridge: float = 1e-9
+
+
+_REWEIGHTING = _Reweighting()
+
+
+@dataclass(frozen=True)
 class Facets:
     """Planes ``z = z0 + p (x - x0) + q (y - y0)`` of blocks; arrays of length n, mm and mm/mm."""
 
@@ -69,17 +93,19 @@ def _blocks(image: NDArray[np.floating], side: int) -> Floats:
     return cut.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows * columns, side * side)
 
 
-def _l1_planes(design: Floats, z: Floats, weight: Floats, *, rounds: int = 12) -> tuple[Floats, Floats]:
+def _l1_planes(
+    design: Floats, z: Floats, weight: Floats, *, settings: _Reweighting = _REWEIGHTING
+) -> tuple[Floats, Floats]:
     w = weight
     plane = np.zeros((design.shape[0], 3))
     residual = np.zeros_like(z)
-    for _ in range(rounds):
+    for _ in range(settings.rounds):
         weighted = (design * w[:, :, None]).swapaxes(1, 2)
         normal = weighted @ design
-        normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        normal += settings.ridge * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
         plane = np.linalg.solve(normal, weighted @ z[:, :, None])[:, :, 0]
         residual = np.abs(z - (design @ plane[:, :, None])[:, :, 0]) * weight
-        floor = 1e-3 + 0.1 * residual.sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
-        w = weight / np.maximum(residual, floor)
+        mean = residual.sum(axis=1, keepdims=True) / weight.sum(axis=1, keepdims=True)
+        w = weight / np.maximum(residual, settings.least_mm + settings.least_share * mean)
     middle = np.nanmedian(np.where(weight > 0, residual, np.nan), axis=1) if len(z) else np.zeros(0)
     return plane, middle

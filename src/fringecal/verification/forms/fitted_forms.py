@@ -24,7 +24,9 @@ VDI_DISCARDED = 0.003
 ISO_DISCARDED = 0.05
 """Share outside the shell that holds 95 % of the points (ISO 10360-13)."""
 
-_ROUNDS, _SETTLED_MM = 50, 1e-10
+_ROUNDS = 50  # Gauss-Newton steps at most; a cap of 30 deg takes some ten
+_SETTLED = 1e-10  # step, of the radius or of 1 mm: far below any measured point's noise
+_FLAT = 1e-9  # of the largest singular value: points that spread less than this in a direction lie in a plane, or line
 
 
 @dataclass(frozen=True)
@@ -97,7 +99,7 @@ def fit_sphere(points_mm: ArrayLike, *, radius_mm: float | None = None) -> Spher
         residual, jacobian = _radial(local, centre, radius, free=radius_mm is None)
         step = np.linalg.lstsq(jacobian, -residual, rcond=None)[0]
         centre, radius = centre + step[:3], radius + (float(step[3]) if radius_mm is None else 0.0)
-        if float(np.max(np.abs(step))) < _SETTLED_MM * max(1.0, radius):
+        if float(np.max(np.abs(step))) < _SETTLED * max(1.0, radius):
             break
     residual, jacobian = _radial(local, centre, radius, free=radius_mm is None)
     return SphereFit(centre + shift, float(radius), residual, jacobian)
@@ -114,7 +116,7 @@ def fit_plane(points_mm: ArrayLike) -> PlaneFit:
     points = _points(points_mm, least=3, what="plane")
     middle = points.mean(axis=0)
     _, sizes, axes = np.linalg.svd(points - middle, full_matrices=False)
-    if sizes[1] <= 1e-9 * max(float(sizes[0]), 1e-300):
+    if sizes[1] <= _FLAT * max(float(sizes[0]), 1e-300):
         raise FitError("the points lie on a line, which determines no plane; take points over an area")
     normal = axes[2] if axes[2, 2] >= 0 else -axes[2]
     return PlaneFit(middle, normal, (points - middle) @ normal)
@@ -217,7 +219,7 @@ def _algebraic_sphere(points: Floats) -> tuple[Floats, float]:
     unit = points / scale
     design = np.column_stack([2 * unit, np.ones(len(unit))])
     sizes = np.linalg.svd(design, compute_uv=False)
-    if sizes[-1] < 1e-9 * sizes[0]:
+    if sizes[-1] < _FLAT * sizes[0]:
         raise FitError("the points lie in a plane, which determines no sphere; take points over a cap")
     solution = np.linalg.lstsq(design, np.sum(unit**2, axis=1), rcond=None)[0]
     return solution[:3] * scale, math.sqrt(max(float(solution[3] + solution[:3] @ solution[:3]), 0.0)) * scale

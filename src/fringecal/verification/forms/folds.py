@@ -15,10 +15,12 @@ from fringecal.reconstruct import Section
 Array = NDArray[np.float64]
 
 _PROMINENCE = 0.2  # of the section's range of heights: smaller bumps are no folds
-_NOISE_SIGMAS = 6.0  # that a crest must rise at least
-_SMOOTHED = 7  # points
-_CREST = 0.15  # a crest's parabola reaches so far toward its nearer neighbour
-_RESAMPLED = 101
+_RANGE = (0.02, 0.98)  # quantiles of the heights between which that range is taken: single wrong pixels lie outside
+_NOISE_SIGMAS = 6.0  # standard deviations of a point's noise that a crest must rise at least: thousands of points, none
+_SMOOTHED = 7  # points of a local parabola: less than a crest is wide
+_CREST = 0.15  # a crest's parabola reaches so far toward its nearer neighbour: beyond it flanks are straight
+_LEAST_REACH = 2  # points on either side: five for a parabola's three numbers
+_RESAMPLED = 101  # places along a flank's straight part: closer than points
 _FLANK = (0.25, 0.75)  # a flank's straight part, of the way from crest to crest
 
 
@@ -135,7 +137,7 @@ class _Crest:
 def _crests(s: Array, z: Array, *, least_mm: float) -> list[_Crest]:
     """Find ridges and valleys by prominence, and the points through which each one's parabola goes."""
     smooth = _smoothed(z)
-    least = max(least_mm, _PROMINENCE * float(np.ptp(np.quantile(smooth, [0.02, 0.98]))))
+    least = max(least_mm, _PROMINENCE * float(np.ptp(np.quantile(smooth, _RANGE))))
     found = [
         (int(p), up) for up in (True, False) for p in signal.find_peaks(smooth if up else -smooth, prominence=least)[0]
     ]
@@ -145,7 +147,7 @@ def _crests(s: Array, z: Array, *, least_mm: float) -> list[_Crest]:
     near = np.minimum(gaps[:-1], gaps[1:])
     crests = []
     for (place, up), distance in zip(found, near, strict=True):
-        reach = max(2, int(np.count_nonzero(np.abs(s - s[place]) <= _CREST * distance)) // 2)
+        reach = max(_LEAST_REACH, int(np.count_nonzero(np.abs(s - s[place]) <= _CREST * distance)) // 2)
         points = np.arange(max(0, place - reach), min(s.size, place + reach + 1))
         crests.append(_Crest(up, points))
     return crests

@@ -13,7 +13,9 @@ RIM_PX = 3
 """Left out along every border: blur mixes what lies on both sides of it."""
 
 _OPENED_PX = 3  # ridges of shadow borders and single wrong pixels are narrower
-_MIN_PIXELS = 60
+MIN_PIXELS = 60
+"""Of a piece, without its rim: fewer make no plane or cap whose uncertainty could be told from its own scatter."""
+_ENDS = (0.01, 0.99)  # quantiles of the heights that a refusal names: single wrong pixels lie outside
 
 
 def valid_points(surface: Surface) -> tuple[Floats, Mask]:
@@ -26,9 +28,9 @@ def valid_points(surface: Surface) -> tuple[Floats, Mask]:
     """
     points = np.stack([np.asarray(m, float) for m in (surface.x, surface.y, surface.z)], axis=-1)
     valid = np.asarray(surface.mask, bool) & np.isfinite(points).all(axis=-1)
-    if np.count_nonzero(valid) < _MIN_PIXELS:
+    if np.count_nonzero(valid) < MIN_PIXELS:
         raise FitError(
-            f"only {np.count_nonzero(valid)} valid pixels in the surface, at least {_MIN_PIXELS} are needed; look at "
+            f"only {np.count_nonzero(valid)} valid pixels in the surface, at least {MIN_PIXELS} are needed; look at "
             "the mask's reasons first"
         )
     return points, valid
@@ -43,10 +45,10 @@ def pieces_between(points: Floats, valid: Mask, low_mm: float, high_mm: float, *
     kernel = np.ones((2 * rim_px + 1, 2 * rim_px + 1), dtype=bool)
     found = []
     for label in sorted(range(1, number + 1), key=lambda k: -sizes[k]):
-        if sizes[label] < _MIN_PIXELS:
+        if sizes[label] < MIN_PIXELS:
             break
         core = ndimage.binary_erosion(labels == label, kernel) & valid
-        if np.count_nonzero(core) >= _MIN_PIXELS:
+        if np.count_nonzero(core) >= MIN_PIXELS:
             found.append(core)
     return found
 
@@ -61,10 +63,10 @@ def one_piece(points: Floats, valid: Mask, low_mm: float, high_mm: float, *, wha
     """
     found = pieces_between(points, valid, low_mm, high_mm)
     if not found:
-        z = points[..., 2][valid]
+        lowest, highest = np.quantile(points[..., 2][valid], _ENDS)
         raise FitError(
             f"no {what} in the surface: nothing connected lies between {low_mm:.3g} and {high_mm:.3g} mm (measured "
-            f"heights run from {np.quantile(z, 0.01):.3g} to {np.quantile(z, 0.99):.3g} mm). Check the target of the "
+            f"heights run from {lowest:.3g} to {highest:.3g} mm). Check the target of the "
             "capture, and that the artefact is lit and in the picture"
         )
     return found[0]

@@ -16,7 +16,7 @@ from fringecal.errors import FitError
 from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, Wedge
 from fringecal.uncertainty import Estimate
 from fringecal.verification.forms.fitted_forms import fit_plane, fit_sphere, flatness, sphere_form
-from fringecal.verification.forms.pieces import one_piece, pieces_between, valid_points
+from fringecal.verification.forms.pieces import MIN_PIXELS, one_piece, pieces_between, valid_points
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
 
 Mask = NDArray[np.bool_]
@@ -26,6 +26,48 @@ CAP_DEG = 50.0
 """Of a ball, points steeper than this against the plate are left out: blur and shadow reach them."""
 
 _FAR_SHARE = 0.03  # of a ball's diameter: what departs more is no ball
+
+
+@dataclass(frozen=True)
+class _Windows:
+    """Between which heights a surface of an artefact is looked for.
+
+    Wider ones would take a rim or a neighbour in, narrower ones lose an artefact whose height a rig reads wrongly,
+    which is what a verification is to find out.
+
+    Parameters
+    ----------
+    flat, flat_deviations, flat_least_mm
+        Around a flat's height, on either side: a share of it, so many flatness deviations with their uncertainty, and
+        the least; the largest of them counts.
+    box
+        A box's top, of its height.
+    slope
+        A wedge's slope, of its tallest edge; its thin edge cannot be told from the plate.
+    step
+        Around a step, of the distance to the nearest other level: half of it would touch.
+    ball
+        A ball's rough piece, of the smallest and the largest diameter; below, blur and shadow reach it.
+    beside, above
+        What is looked through for a ball's cap: so many diameters around its rough piece's middle, from so many
+        diameters above the plate.
+    cap_rounds
+        Of cutting the cap about the fitted centre: the set settles after two or three.
+    """
+
+    flat: float = 0.2
+    flat_deviations: float = 5.0
+    flat_least_mm: float = 2.0
+    box: tuple[float, float] = (0.8, 1.2)
+    slope: tuple[float, float] = (0.1, 1.2)
+    step: float = 0.4
+    ball: tuple[float, float] = (0.6, 1.1)
+    beside: float = 0.7
+    above: float = 0.3
+    cap_rounds: int = 4
+
+
+_WINDOWS = _Windows()
 _LINE = "linearity deviation"
 
 
@@ -86,7 +128,8 @@ def probe(target: Artefact, surface: Surface) -> Probe:  # noqa: ARG001
 def _(target: Flat, surface: Surface) -> Probe:
     points, valid = valid_points(surface)
     height = 0.0 if target.height_mm is None else target.height_mm.value
-    tolerance = max(0.2 * height, 5 * (target.flatness_mm.value + target.flatness_mm.u), 2.0)
+    deviation = target.flatness_mm.value + target.flatness_mm.u
+    tolerance = max(_WINDOWS.flat * height, _WINDOWS.flat_deviations * deviation, _WINDOWS.flat_least_mm)
     inside = one_piece(points, valid, height - tolerance, height + tolerance, what="flat")
     references = {"flatness": target.flatness_mm.estimate("flatness", "mm")}
     if target.height_mm is not None:
@@ -111,7 +154,7 @@ def _(target: Flat, surface: Surface) -> Probe:
 def _(target: Box, surface: Surface) -> Probe:
     points, valid = valid_points(surface)
     height = target.height_mm.value
-    top = one_piece(points, valid, 0.8 * height, 1.2 * height, what="top of the box")
+    top = one_piece(points, valid, *(share * height for share in _WINDOWS.box), what="top of the box")
     references = {"height": target.height_mm.estimate("height", "mm")}
     return Probe((_indices(top),), lambda groups: {"height": float(groups[0][:, 2].mean())}, references, _from_planes)
 
@@ -120,7 +163,7 @@ def _(target: Box, surface: Surface) -> Probe:
 def _(target: Wedge, surface: Surface) -> Probe:
     points, valid = valid_points(surface)
     tallest = target.width_mm.value * math.tan(math.radians(target.angle_deg.value))
-    slope = one_piece(points, valid, 0.1 * tallest, 1.2 * tallest, what="slope of the wedge")
+    slope = one_piece(points, valid, *(share * tallest for share in _WINDOWS.slope), what="slope of the wedge")
     references = {"angle": target.angle_deg.estimate("angle", "deg")}
 
     def numbers(groups: Sequence[Floats]) -> Numbers:
@@ -137,7 +180,7 @@ def _(target: Steps, surface: Surface) -> Probe:
     levels = np.unique(np.concatenate([[0.0], nominal]))
     groups, references, notes = [], {}, []
     for index, height in enumerate(nominal):
-        half = 0.4 * float(np.min(np.abs(levels[levels != height] - height)))
+        half = _WINDOWS.step * float(np.min(np.abs(levels[levels != height] - height)))
         found = pieces_between(points, valid, height - half, height + half)
         if not found:
             notes.append(f"the step of {height:g} mm is not seen, or its phase is that of another level there")
@@ -232,11 +275,11 @@ def _ball_numbers(points: Floats) -> Numbers:
 
 def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...]) -> tuple[NDArray[np.intp], ...]:
     """Return the pixels of each ball's cap, from low x to high x."""
-    smallest, largest = min(diameters), max(diameters)
-    found = pieces_between(points, valid, 0.6 * smallest, 1.1 * largest)[: len(diameters)]
+    lowest, highest = _WINDOWS.ball[0] * min(diameters), _WINDOWS.ball[1] * max(diameters)
+    found = pieces_between(points, valid, lowest, highest)[: len(diameters)]
     if len(found) < len(diameters):
         raise FitError(
-            f"found {len(found)} of {len(diameters)} balls above {0.6 * smallest:.3g} mm; check the target's diameter, "
+            f"found {len(found)} of {len(diameters)} balls above {lowest:.3g} mm; check the target's diameter, "
             "and that each ball's top is lit and not saturated. A ball whose outline stands whole fringes above "
             "the plate cannot be told from it by one fringe period: take a second one, or a ball of another size"
         )
@@ -247,16 +290,16 @@ def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...]) -> tuple[N
 def _cap(points: Floats, valid: Mask, piece: Mask, diameter: float) -> NDArray[np.intp]:
     """Return the pixels of one ball within the cap, from a rough piece of it."""
     top = points[piece]
-    near = valid & (np.hypot(*(points[..., k] - top[:, k].mean() for k in (0, 1))) < 0.7 * diameter)
-    candidates = _indices(near & (points[..., 2] > 0.3 * diameter))
+    near = valid & (np.hypot(*(points[..., k] - top[:, k].mean() for k in (0, 1))) < _WINDOWS.beside * diameter)
+    candidates = _indices(near & (points[..., 2] > _WINDOWS.above * diameter))
     cloud = points.reshape(-1, 3)[candidates]
     centre = fit_sphere(top, radius_mm=diameter / 2).centre_mm
     lowest = math.cos(math.radians(CAP_DEG))
-    for _ in range(4):
+    for _ in range(_WINDOWS.cap_rounds):
         away = cloud - centre
         distance = np.linalg.norm(away, axis=1)
         kept = (np.abs(distance - diameter / 2) < _FAR_SHARE * diameter) & (away[:, 2] > lowest * distance)
-        if np.count_nonzero(kept) < 60:
+        if np.count_nonzero(kept) < MIN_PIXELS:
             raise FitError(
                 f"no ball of {diameter:g} mm: only {np.count_nonzero(kept)} pixels lie on such a sphere; check the "
                 "target's diameter, and that the ball is matt and lit"

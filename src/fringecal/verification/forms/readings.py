@@ -14,7 +14,8 @@ from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
 ByCause = Callable[[Floats, Floats, Floats], Iterable[tuple[str, Floats]]]
 
 _MOST = 6000  # points of a group that are moved by each cause: a smooth change needs no more
-_BLOCKS = 24  # of the picture, left out in turn; neighbours share their errors
+_BLOCKS_ACROSS, _BLOCKS_ALONG = 4, 6
+_BLOCKS = _BLOCKS_ACROSS * _BLOCKS_ALONG  # of the picture, left out in turn; neighbours share their errors
 
 
 @dataclass(frozen=True)
@@ -143,12 +144,12 @@ def _jackknife(probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, widt
 
 
 def _block_of(group: NDArray[np.intp], width: int) -> NDArray[np.intp]:
-    """Number each pixel's block: four across and six along, each with the same number of pixels."""
+    """Number each pixel's block, across and along the picture, each with the same number of pixels."""
     row, column = np.divmod(group, width)
-    across = np.argsort(np.argsort(column, kind="stable")) * 4 // group.size
+    across = np.argsort(np.argsort(column, kind="stable")) * _BLOCKS_ACROSS // group.size
     block = np.empty(group.size, np.intp)
-    for k in range(4):
+    for k in range(_BLOCKS_ACROSS):
         inside = np.flatnonzero(across == k)
         rank = np.argsort(np.argsort(row[inside], kind="stable"))
-        block[inside] = k * 6 + rank * 6 // max(inside.size, 1)
+        block[inside] = k * _BLOCKS_ALONG + rank * _BLOCKS_ALONG // max(inside.size, 1)
     return block

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, bar_number, ridge_offset
 
-_ALONG_BANDS = 10
+_ALONG_BANDS = 10  # tenths of the bars' length: long enough for a mean, short enough to show a slope
 _MIN_SHARE = 0.1  # of the typical band's pixels: a sliver at an end is no band
+_MIN_PIXELS = 20.0  # of a band: fewer have a mean that their own noise makes
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def _means(kind: str, number: NDArray[np.int64], centres: NDArray[np.floating], 
     number = np.clip(number, 0, len(centres) - 1)
     count = np.bincount(number, minlength=len(centres))
     total = np.bincount(number, weights=error, minlength=len(centres))
-    enough = count >= max(20.0, _MIN_SHARE * float(np.median(count[count > 0])))
+    enough = count >= max(_MIN_PIXELS, _MIN_SHARE * float(np.median(count[count > 0])))
     return tuple(
         Band(kind, float(centres[i]), int(count[i]), float(total[i] / count[i])) for i in np.flatnonzero(enough)
     )

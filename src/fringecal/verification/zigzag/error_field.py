@@ -3,13 +3,20 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
+from fringecal.numerics import products_up_to
 from fringecal.verification.zigzag.pose import ZigzagPose
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface, ZigzagShape, edge_distance, zigzag_height
 
 Mask = NDArray[np.bool_]
+
+_CROSSES = 0.5  # of the most pixels that any row has on the bars: a row with fewer only touches them
+_MOST_END_DOUBT = 0.02  # of the bars' length, left out at each end at most, however badly the ends are seen
+_END_U = 2.0  # standard uncertainties of the bars' place along the ridges that are left out at each end: 95 %
+_FITTED_PIXELS = 20_000  # through which coordinates of masked pixels are drawn; a quadratic has six terms
 
 
 @dataclass(frozen=True)
@@ -71,7 +78,7 @@ def error_field(surface: Surface, pose: ZigzagPose, shape: ZigzagShape) -> Error
 def default_places(field: ErrorField, preferred: tuple[int, ...], spread: tuple[float, ...]) -> tuple[int, ...]:
     """Rows (or columns) of the profiles: the preferred rows if all cross the bars, else spread over them."""
     crossing = (field.inside & field.valid).sum(axis=1 if field.axis == "row" else 0)
-    good = np.flatnonzero(crossing >= 0.5 * crossing.max())
+    good = np.flatnonzero(crossing >= _CROSSES * crossing.max())
     if field.axis == "row" and np.isin(preferred, good).all():
         return preferred
     return tuple(int(round(good[0] + share * (good[-1] - good[0]))) for share in spread)
@@ -79,7 +86,7 @@ def default_places(field: ErrorField, preferred: tuple[int, ...], spread: tuple[
 
 def _end_distance(along: Floats, pose: ZigzagPose, shape: ZigzagShape) -> Floats:
     """Distance to the nearer end of the bars, less the doubt about where the ends are."""
-    doubt = min(2 * pose.u_along_mm, 0.02 * shape.length_mm)
+    doubt = min(_END_U * pose.u_along_mm, _MOST_END_DOUBT * shape.length_mm)
     return shape.length_mm / 2 - doubt - np.abs(along)
 
 
@@ -97,7 +104,7 @@ def _filled(coordinate: NDArray[np.floating], valid: Mask) -> Floats:
         return values
     rows, columns = np.indices(valid.shape, dtype=float)
     v, u = rows / valid.shape[0], columns / valid.shape[1]
-    terms = np.stack([np.ones_like(u), u, v, u * u, u * v, v * v], axis=-1)
-    known = np.flatnonzero(valid)[:: 1 + np.count_nonzero(valid) // 20_000]
-    coefficients = np.linalg.lstsq(terms.reshape(-1, 6)[known], values.ravel()[known], rcond=None)[0]
+    terms = products_up_to(polynomial.polyvander(u, 2), polynomial.polyvander(v, 2))
+    known = np.flatnonzero(valid)[:: 1 + np.count_nonzero(valid) // _FITTED_PIXELS]
+    coefficients = np.linalg.lstsq(terms.reshape(values.size, -1)[known], values.ravel()[known], rcond=None)[0]
     return np.where(valid, values, terms @ coefficients)

@@ -6,10 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import robust_sd
 from fringecal.verification.zigzag.pose import ZigzagPose
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, ridge_offset, zigzag_height
 
-_LEVER_MM = 100.0
+_LEVER_MM = 100.0  # length over which a change of the height scale is stated
+_OUTLIER_SDS = 5.0  # robust standard deviations beyond which a pixel is an outlier: of normal noise one in two million
+_LEAST_MM = 1e-12  # drawn heights without noise scatter by rounding alone; none is an outlier of that
+_ROUNDS = 4  # of leaving outliers out and fitting anew: the set settles after two or three
 
 
 @dataclass(frozen=True)
@@ -112,10 +116,10 @@ def _term(name: str, coefficient: float, rms_mm: float) -> ErrorTerm:
 
 def _clipped_fit(design: Floats, error: NDArray[np.floating]) -> tuple[Floats, NDArray[np.bool_]]:
     middle = float(np.median(error))
-    kept = np.abs(error - middle) <= 5 * 1.4826 * float(np.median(np.abs(error - middle))) + 1e-12
+    kept = np.abs(error - middle) <= _OUTLIER_SDS * robust_sd(error) + _LEAST_MM
     coefficients = np.zeros(design.shape[1])
-    for _ in range(4):
+    for _ in range(_ROUNDS):
         coefficients = np.linalg.lstsq(design[kept], error[kept], rcond=None)[0]
         residual = np.abs(error - design @ coefficients)
-        kept = residual <= 5 * 1.4826 * float(np.median(residual)) + 1e-12
+        kept = residual <= _OUTLIER_SDS * robust_sd(residual, about=0) + _LEAST_MM
     return coefficients, kept

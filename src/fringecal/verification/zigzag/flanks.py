@@ -7,7 +7,7 @@ import numpy as np
 
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, bar_number, ridge_offset
 
-_MIN_PIXELS = 5
+_MIN_PIXELS = 5  # of a flank: a line through fewer has hardly any scatter of its own to state a u by
 
 
 @dataclass(frozen=True)

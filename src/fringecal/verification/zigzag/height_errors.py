@@ -16,6 +16,9 @@ from fringecal.verification.zigzag.profiles import Judge, Pixels, ProfileCurve, 
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface, ZigzagShape, zigzag_shape
 
 THESIS_ROWS_PX = (10, 121, 232, 343, 444)  # profiles A..E of the 2008 thesis
+EDGE_ZONE_PX = 3.0
+"""Half-width of the zones about ridges, valleys and ends, px: blur and a 3 x 3 filter mix what lies on both sides of an
+edge over as much."""
 _SPREAD = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the bars' visible length, where those rows miss the bars
 _MAX_TERMS = 20_000  # pixels that the split into causes looks at; more do not change it
 
@@ -85,7 +88,7 @@ def zigzag_errors(
     pose: ZigzagPose,
     *,
     rows_px: Sequence[int] | None = None,
-    edge_zone_px: float = 3.0,
+    edge_zone_px: float = EDGE_ZONE_PX,
     edge_zone_mm: float | None = None,
     sensitivities: ArrayLike | None = None,
     covariance: ArrayLike | None = None,

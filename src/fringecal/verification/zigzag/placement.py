@@ -16,6 +16,41 @@ _TELLING = 0.35  # of full height: above this the target's surface cannot be tak
 
 
 @dataclass(frozen=True)
+class _Counting:
+    """How votes for the footprint's place are counted and judged.
+
+    Parameters
+    ----------
+    bins_per_length, most_bins, least_bin_mm
+        Bins along the ridges: a four-hundredth of the bars' length or, where the surface is far longer than they are,
+        a two-thousandth of the surface's; the least only keeps a surface without extent from dividing by nothing.
+    bar_tie
+        Share of one bar's part of the best score within which two places across are equally good.
+    along_tie
+        Share of the best score within which two places along are: rounding, and the shadow's ragged end.
+    bar
+        Share of the typical bar's votes from which on a strip of the surface is a bar too many, or plate where a bar
+        should be.
+    seen
+        Share of them from which on a bar counts as seen.
+    misplaced
+        Share of all the bars' votes that may lie beyond their stated length, or plate within it.
+    """
+
+    bins_per_length: int = 400
+    most_bins: int = 2000
+    least_bin_mm: float = 1e-6
+    bar_tie: float = 0.02
+    along_tie: float = 1e-3
+    bar: float = 0.3
+    seen: float = 0.1
+    misplaced: float = 0.1
+
+
+_COUNTING = _Counting()
+
+
+@dataclass(frozen=True)
 class Placement:
     """Shift of the footprint in whole bars and along the ridges, and the bars that support it."""
 
@@ -79,7 +114,8 @@ def _count_votes(
     target = zigzag_height(across, shape)
     telling = target > _TELLING * full
     vote = (np.abs(z - target) < TOLERANCE * full).astype(float) - (np.abs(z) < TOLERANCE * full)
-    bin_mm = max(shape.length_mm / 400, float(np.ptp(along)) / 2000, 1e-6)
+    extent_mm = float(np.ptp(along))
+    bin_mm = max(shape.length_mm / _COUNTING.bins_per_length, extent_mm / _COUNTING.most_bins, _COUNTING.least_bin_mm)
     number = bar_number(across[telling], shape)
     place = np.floor((along[telling] - along.min()) / bin_mm).astype(np.int64)
     if number.size == 0:
@@ -98,11 +134,11 @@ def _moving_sum(values: Floats, window: int, *, axis: int) -> Floats:
 
 def _middle_of_best(score: Floats, count: int) -> tuple[int, int, float]:
     """Middle of the plateau of the best score: bar, place along, half its width in bins."""
-    bars = np.flatnonzero(score.max(axis=1) >= score.max() - 0.02 / count * abs(score.max()))
+    bars = np.flatnonzero(score.max(axis=1) >= score.max() - _COUNTING.bar_tie / count * abs(score.max()))
     bar = int(bars[len(bars) // 2])
     row = score[bar]
     best = int(np.argmax(row))
-    lower = np.flatnonzero(row < row[best] - 1e-3 * abs(row[best]))
+    lower = np.flatnonzero(row < row[best] - _COUNTING.along_tie * abs(row[best]))
     first = int(lower[lower < best].max(initial=-1)) + 1
     last = int(lower[lower > best].min(initial=row.size)) - 1
     return bar, (first + last) // 2, (last - first) / 2
@@ -111,21 +147,22 @@ def _middle_of_best(score: Floats, count: int) -> tuple[int, int, float]:
 def _check_bars(votes: Floats, bar: int, count: int) -> int:
     inside = votes[bar : bar + count]
     typical = float(np.median(inside[inside > 0]))
-    missing = int(np.sum(inside < -0.3 * typical))
-    extra = int(np.sum(votes > 0.3 * typical) - np.sum(inside > 0.3 * typical))
+    enough = _COUNTING.bar * typical
+    missing = int(np.sum(inside < -enough))
+    extra = int(np.sum(votes > enough) - np.sum(inside > enough))
     if missing or extra:
         raise FitError(
             f"the surface shows {count - missing + extra} bars where the target states {count}; "
             "correct the target's count, or photograph the bars it describes with plate free around them"
         )
-    return int(np.sum(inside > 0.1 * typical))
+    return int(np.sum(inside > _COUNTING.seen * typical))
 
 
 def _check_length(votes: Floats, place: int, window: int, shape: ZigzagShape) -> None:
     inside = votes[:, place : place + window]
     bar, plate = inside[inside > 0].sum(), -inside[inside < 0].sum()
     beyond = votes[votes > 0].sum() - bar
-    if max(plate, beyond) > 0.1 * bar:
+    if max(plate, beyond) > _COUNTING.misplaced * bar:
         raise FitError(
             f"the bars are {'longer' if beyond > plate else 'shorter'} than the {shape.length_mm:g} mm "
             "that the target states; correct the target's length"

@@ -13,7 +13,8 @@ from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, refe
 
 Pixels = NDArray[np.int64]  # flat indices into the maps
 
-_MIN_PIXELS = 10  # of a profile
+_MIN_PIXELS = 10  # of a profile: fewer are no cut through the bars, and their spread says nothing
+_WIDE_ZONES = 0.2  # of a bar's base, on each side of an edge: four such zones leave a fifth of its flanks
 _K = 2.0  # En compares expanded uncertainties, k = 2
 
 
@@ -141,7 +142,7 @@ class Judge:
         if valid >= _MIN_PIXELS:
             return
         remedy = f"choose {self.field.axis}s that cross lit parts of the bars"
-        if self.zone_mm > self.shape.base_mm / 5:
+        if self.zone_mm > _WIDE_ZONES * self.shape.base_mm:
             remedy = (
                 f"edge zones of {self.zone_mm:.2f} mm on each side leave next to nothing of flanks "
                 f"{self.shape.base_mm / 2:.2f} mm wide, choose narrower ones"

@@ -11,6 +11,8 @@ from fringecal.targets import Zigzag, zigzag_base_mm, zigzag_height_mm, zigzag_p
 
 Floats = NDArray[np.float64]
 
+_STEP = 1e-4  # of leg and apex, over which derivatives of the height are taken: within what is linear, above rounding
+
 
 class Surface(Protocol):
     """A measured surface: (H, W) maps in mm, NaN where masked; `fringecal.reconstruct.HeightMap` is one."""
@@ -127,7 +129,7 @@ def reference_sensitivities(across_mm: NDArray[np.floating], shape: ZigzagShape)
     rows = []
     for name, u in (("leg_mm", shape.u_leg_mm), ("apex_deg", shape.u_apex_deg)):
         value = getattr(shape, name)
-        step = 1e-4 * value
+        step = _STEP * value
         upper = zigzag_height(across_mm, replace(shape, **{name: value + step}))
         lower = zigzag_height(across_mm, replace(shape, **{name: value - step}))
         rows.append((upper - lower) / (2 * step) * u)

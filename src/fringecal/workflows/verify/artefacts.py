@@ -12,9 +12,9 @@ from fringecal.session import Capture
 from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, footprint_mm, surface_mm
 from fringecal.verification import Probe, Reading, probe, take_readings
 from fringecal.workflows.shared import CapturePhase, phase_of_capture, with_frames_causes
+from fringecal.workflows.verify.height_range import with_headroom
 
-_HEADROOM = 0.35  # of the artefact's height, added on both sides of what can be measured
-_LEAST_HEADROOM_MM = 3.0
+_ACROSS, _ALONG = 401, 41  # places of an artefact's footprint at which its height is asked: across it heights change
 
 
 @dataclass(frozen=True)
@@ -84,8 +84,7 @@ def height_range_mm(target: Artefact) -> tuple[float, float]:
         tallest = 0.0 if target.height_mm is None else target.height_mm.value
     else:
         tallest = float(np.max(surface_mm(target, *_raster(target))))
-    headroom = max(_HEADROOM * tallest, _LEAST_HEADROOM_MM)
-    return -headroom, tallest + headroom
+    return with_headroom(tallest)
 
 
 def levels_of(target: Artefact) -> Levels | None:
@@ -106,4 +105,4 @@ def levels_of(target: Artefact) -> Levels | None:
 
 def _raster(target: Artefact) -> tuple[np.ndarray, np.ndarray]:
     width, length = footprint_mm(target)
-    return np.linspace(-width / 2, width / 2, 401)[:, None], np.linspace(-length / 2, length / 2, 41)
+    return np.linspace(-width / 2, width / 2, _ACROSS)[:, None], np.linspace(-length / 2, length / 2, _ALONG)

@@ -28,13 +28,12 @@ from fringecal.workflows.shared import (
     plate_beside,
     with_frames_causes,
 )
+from fringecal.workflows.verify.height_range import with_headroom
 
 Progress = Callable[[str], None]
 
 VERIFIED = (Zigzag, Flat, Steps, Wedge, Box, Sphere, BallBar)
 """Targets that heights can be judged on."""
-
-_HEADROOM = 0.35  # of the full height, added on both sides of what a bar can measure
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,7 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
 ) -> Verification:
     capture, target = phase.capture, phase.capture.target
     assert isinstance(target, Zigzag)
-    full = zigzag_shape(target).height_mm
-    heights = (-_HEADROOM * full, (1 + _HEADROOM) * full)
+    heights = with_headroom(zigzag_shape(target).height_mm)
     absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
     surface = height_of_phase(absolute, calibration, height_range_mm=heights)
     progress("registering the zig-zag")

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fringecal.thesis.analytic import ANGLES_DEG, analytic_cases
+from fringecal.thesis import ANGLES_DEG, analytic_cases
 from fringecal.workflows.demo.analytic_section import analytic_section
 
 
