@@ -29,24 +29,25 @@ SPOKEN = {"title", "caption", "name"}
 # English that needs no definition. A word that a metrologist would look up belongs into the glossary instead.
 PLAIN = set(
     """
-    a about above across added administration after against all alone along also amount an and any apart
+    a about above accept across added administration after against all alone along also amount an and any apart
     appended are as at average axis bad bare be before beforehand below bench beside best between both browser
     but by calibrated call can cannot captured changed checked choosing chosen closed column come command
-    compared compares conditionalfail conditionalpass constant convention corner could counted cover customer
-    data database date day days decision default deg degc depart descent design difference distance do does done
-    drawn each end enlarged entry environment every exception fail fails fast figure file first fitted five
-    folder following for formula found fringecal from full further geometry glossary good here horizontal house
-    how identification if in info input is issued it item its itself judged kept key kind known laboratory large
-    largest last later leaf least left less licence like literature look made marked max may measure measured
-    measuring middle millimetre min minute month more most moved must name named need neglecting new next no
-    none not note now number obeys object of old older on one only or origin other otherwise out outside over
-    own page part pass per percent periodic picture piece possible power predicted prediction probably program
-    published purpose rad rank read reading real reason refused report result room row run same say second see
-    seen service session several sha share show shows side since small smallest smooth so software space state
-    statement status still store such symbol table taken temperature term test tested than that the their them
-    there these thesis they thing this those three through time times to today together too top true turning
-    tutorial twenty two under up use used usual verdict version vertical was way what when where whether which
-    who whole whose why will with without word worst would year
+    compared compares conditionalfail conditionalpass constant contain convention corner could counted cover
+    customer data database date day days decision default deg degc depart descent design difference distance do
+    does done drawn each end enlarged entry environment every exception fail fails fast figure file find first
+    fitted five folder following for formula found fringecal from full further geometry glossary good here
+    horizontal house how identification if in info input is issued it item its itself judged kept key kind known
+    laboratory large largest last later leaf least left less licence like literature look made marked max may
+    measure measured measuring middle millimetre min minute month more most moved must name named need
+    neglecting new next no none not note now number obeys object of old older on one only or origin other
+    otherwise out outside over own page part pass per percent periodic picture piece possible power predicted
+    prediction probably program published purpose rad rank read reading real reason refused report result room
+    row run same say second see seen server service session several sha share show shows side since small
+    smallest smooth so software space state statement status still store such symbol table taken tape
+    temperature term test tested than that the their them there these thesis they thing this those three through
+    time times to today together too top true turning tutorial twenty two under up use used usual verdict
+    version vertical was way what when where whether which who whole whose why will with without word worst
+    would year
     """.split()  # noqa: SIM905 read as text, kept as text
 )
 
@@ -58,29 +59,19 @@ STILL_TO_REWORD = {
     "Breaks by strip",
     "Breaks in the picture",
     "Crossings off the best plane view",
-    "Do the intervals hold?",
     "Do the stated uncertainties hold?",
     "Frames under examination",
     "Mean scale alone errs by",
-    "Numbers and their doubt",
     "Phase steps",
-    "Phase: from frames to an absolute phase with its doubt",
     "Scale by the mean factor",
     "Scaling factor from distances between lines; u is a standard uncertainty",
     "Spread over stated u",
     "Steps",
     "The house: rooms, doors, and what passes through them",
-    "What is in its doubt, and what falls out",
-    "What is refused, and how it is said",
-    "What is undone by itself",
-    "What it lets in",
     "What neglecting the lens costs",
     "What one more artefact would buy",
-    "What the doctor names",
     "What the lens rests on",
     "What the mean factor costs over the field",
-    "What u(z) holds",
-    "`[projector]`: where it stands, as measured with a rule",
     "breaks",
     "cost / mm",
     "cost / rad",
