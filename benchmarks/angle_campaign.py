@@ -25,6 +25,7 @@ from fringecal.simulate.rig.truth import projection_angle_deg
 from fringecal.simulate.scene.capture_scenes import stated_target
 from fringecal.targets import Target
 from fringecal.uncertainty.coverage import wilson_interval
+from fringecal.uncertainty.influences import Influence, Source
 from fringecal.workflows.angle.run import ESTIMATORS, picture_angles
 from fringecal.workflows.commission import calibrate_session
 from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
@@ -191,7 +192,7 @@ def compared(found: AngleFindings | FringecalError, spec: RigSpec, true_deg: flo
     row: dict[str, Any] = {
         "error_deg": found.angle.value - true_deg,
         "expanded_deg": found.angle.expanded().U,
-        "u_scatter_deg": found.budget.get("phase scatter", 0.0),
+        "u_scatter_deg": found.budget.contributions().get(Source(Influence.PHASE_SCATTER), 0.0),
     }
     for name, places in (("column", found.columns), ("row", found.rows)):
         ratios = [(place.angle.value - true_at(spec, place)) / place.angle.expanded().U for place in places]

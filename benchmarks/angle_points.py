@@ -12,7 +12,7 @@ import numpy as np
 
 from angle_campaign import SIZE_PX, draw_rig, share
 from fringecal.camera.plate.plate_fit import CameraFit, fit_plate_camera
-from fringecal.projector.angle.projection_angle import angle_estimate
+from fringecal.projector.angle.projection_angle import angle_budget
 from fringecal.projector.rig_calibration import Observations, calibrate_rig
 from fringecal.simulate import RigSpec
 from fringecal.simulate.rig.drawn_camera import Camera, build_camera, project, ray
@@ -70,7 +70,7 @@ def ratios(seed: int, number: int, *, centred: bool) -> tuple[np.ndarray, np.nda
     calibration, _ = calibrate_rig(observed(spec, camera, targets["strips"], rng), fitted)
     size = np.array(SIZE_PX) * spec.camera.scale_mm_per_px
     places = [(0.0, 0.0)] + [(a * size[0], 0.0) for a in ALONG if a] + [(0.0, a * size[1]) for a in ALONG if a]
-    found = [angle_estimate(calibration, *place)[0] for place in places]
+    found = [angle_budget(calibration, *place).result for place in places]
     expanded = np.array([estimate.expanded().U for estimate in found])
     error = np.array([estimate.value for estimate in found]) - projection_angle_deg(spec, np.array(places))
     return error / expanded, expanded

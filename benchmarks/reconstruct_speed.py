@@ -18,10 +18,12 @@ import numpy as np
 
 from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.phase import demodulate
-from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.object_phase import absolute_phase
 from fringecal.reconstruct.phase_to_height import height_of_phase
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 
 STEPS = np.deg2rad([0.0, 120.0, 240.0])
 BAR_S, BAR_GB = 1.0, 1.5
@@ -35,7 +37,8 @@ def rig_of(shape: tuple[int, int]) -> RigCalibration:
     residual = PlateResidual(5, 0.01 * np.cos(np.arange(21.0)), (-230.0, 230.0, -170.0, 170.0))
     model = RigModel(ratio, projector_point(ratio, near=np.array([0.0, 1222.0, 1000.0])), residual)
     effects = 1e-5 * np.random.default_rng(3).standard_normal((20, 12 + 7 + 21))
-    return RigCalibration(camera, model, tuple(Mode(f"cause {k}", e) for k, e in enumerate(effects)), 0.004)
+    components = tuple(UncertaintyComponent(Influence.INPUT, e, detail=str(k)) for k, e in enumerate(effects))
+    return RigCalibration(camera, model, components, 0.004)
 
 
 def frames_of(rig: RigCalibration, scene: str) -> np.ndarray:

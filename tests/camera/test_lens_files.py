@@ -150,8 +150,8 @@ def test_uncertainty_of_the_lens_reaches_the_rigs_camera():
     for lens in (exact, LENS):
         fit = fit_plate_camera(pixels, points, (480, 640), pitch_rel_u=1e-5, lens=lens)
         us.append(np.sqrt(fit.camera.covariance[-1, -1]) / fit.camera["height_mm"])
-        causes = sum((np.outer(e, e) for e in fit.causes.values()), np.zeros((12, 12)))
-        assert causes[-1, -1] <= fit.camera.covariance[-1, -1] * (1 + 1e-6)
+        stated = sum((np.outer(one.effect, one.effect) for one in fit.components), np.zeros((12, 12)))
+        assert stated[-1, -1] <= fit.camera.covariance[-1, -1] * (1 + 1e-6)
     # fx is stated to 1.7 px in 800; scale times focal length is the height.
     assert us[1] > 5 * us[0]
     assert us[1] < 1.1 * np.sqrt(LENS.covariance[0, 0]) / 800

@@ -6,7 +6,7 @@ import pytest
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.camera.plate.plate_fit import fit_plate_camera
-from fringecal.projector.angle.projection_angle import angle_estimate
+from fringecal.projector.angle.projection_angle import angle_budget
 from fringecal.projector.rig_calibration import Observations, calibrate_rig
 from fringecal.projector.rig_model import PlateResidual, RigModel
 from fringecal.uncertainty.estimates import Estimate
@@ -62,7 +62,7 @@ def lens_part(budget):
 
 
 def test_the_lens_is_in_the_budget_of_angle_and_height(rigs):
-    for quantity, unit in ((lambda c: angle_estimate(c)[0].value, "deg"), (height_of, "mm")):
+    for quantity, unit in ((lambda c: angle_budget(c).result.value, "deg"), (height_of, "mm")):
         good, worse = (rigs[f].estimate(quantity, unit=unit, label="q") for f in (1.0, 8.0))
         assert lens_part(worse[1]) > 2 * lens_part(good[1]) > 0
         assert worse[0].u > good[0].u

@@ -7,6 +7,7 @@ from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate.plate_fit import fit_plate_camera
 from fringecal.errors import FitError
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Influence
 
 SHAPE = (480, 640)
 TRUTH = {
@@ -64,11 +65,14 @@ def test_covariance_is_the_scatter_of_repeated_pictures(sheet):
     np.testing.assert_array_less(np.abs(bias), 3.3 / np.sqrt(40))
 
 
-def test_stated_inputs_are_causes_of_their_own(sheet):
+def test_stated_inputs_are_components_of_their_own(sheet):
     found = fit_plate_camera(seen(sheet, noise_px=0.02), sheet[0], SHAPE, pitch_rel_u=1e-3, height_mm=HEIGHT)
-    assert set(found.causes) == {"grid pitch", "camera height", "principal point, u", "principal point, v"}
+    effects = {component.influence: component.effect for component in found.components}
+    assert set(effects) == {
+        Influence.GRID_PITCH, Influence.CAMERA_HEIGHT, Influence.PRINCIPAL_POINT_U, Influence.PRINCIPAL_POINT_V,
+    }  # fmt: skip
     # A sheet that is larger by 1e-3 makes all millimetres larger by 1e-3.
-    assert abs(found.causes["grid pitch"][0]) == pytest.approx(0.5e-3, rel=0.01)
+    assert abs(effects[Influence.GRID_PITCH][0]) == pytest.approx(0.5e-3, rel=0.01)
 
 
 def test_a_lens_off_the_image_centre_is_in_the_budget(sheet):
@@ -130,7 +134,7 @@ def test_parallel_rays_may_lean(sheet):
     camera = PlateCamera.from_values({"scale_mm_per_px": 0.5, "tilt_x_rad": 0.02}, SHAPE, telecentric=True)
     pixels = np.column_stack(camera.project(sheet[1], sheet[2]))
     found = fit_plate_camera(pixels, sheet[0], SHAPE, pitch_rel_u=1e-4, telecentric=True)
-    assert {"camera tilt, x", "camera tilt, y"} <= set(found.causes)
+    assert {Influence.CAMERA_TILT_X, Influence.CAMERA_TILT_Y} <= {one.influence for one in found.components}
     u = np.sqrt(np.diag(found.camera.covariance))[2:4]
     np.testing.assert_allclose(np.degrees(u), 1.0, rtol=0.01)
     assert abs(found.camera["tilt_x_rad"] - 0.02) < 2 * u[0]

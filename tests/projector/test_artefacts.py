@@ -10,10 +10,12 @@ import pytest
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.errors import FitError
 from fringecal.projector.joint_fit import PhasePoints, fit_rig
-from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import RIG_NAMES, RigModel
 from fringecal.projector.standards.artefact_phase import observe_artefact
 from fringecal.targets import parse_target
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 
 SHAPE = (240, 320)
 CAMERA = PlateCamera.from_values({"scale_mm_per_px": 1.2, "height_mm": 1400.0}, SHAPE)
@@ -36,7 +38,7 @@ def known_rig(too_high=0.0, relative_u=0.0017):
     effect = np.zeros(len(CAMERA_NAMES) + len(RIG_NAMES) + 1)
     effect[len(CAMERA_NAMES) + 2] = k * SIDE / HEIGHT * relative_u
     model = RigModel(parameters, np.array([0.0, SIDE, HEIGHT]))
-    return RigCalibration(CAMERA, model, (Mode("strip height", effect),))
+    return RigCalibration(CAMERA, model, (UncertaintyComponent(Influence.STRIP_HEIGHT, effect),))
 
 
 def target_of(kind, **sizes):
@@ -124,14 +126,14 @@ def test_a_wedge_is_level_nowhere_and_known_everywhere():
     observed = found.observations
     place = observed.v_px[0].astype(int), observed.u_px[0].astype(int)
     np.testing.assert_allclose(observed.phase_rad[0], phase[place], atol=1e-9)
-    angle, position = observed.doubts_of(0)
-    assert (angle.label, position.label) == ("wedge angle", "wedge position")
+    angle, position = observed.components_of(0)
+    assert (angle.influence, position.influence) == (Influence.WEDGE_ANGLE, Influence.WEDGE_POSITION)
     # The place is known to a point of the lattice: the heights miss the truth by no more than that doubt says.
     error = observed.height_mm[0].value + observed.relief_mm[0] - z[place]
-    assert np.abs(error).max() < 3 * position.change_mm
+    assert np.abs(error).max() < 3 * position.effect
     # tan(angle) moves by u / cos^2: at the far end, 120 mm from the foot, that is 0.044 mm.
     far = 120 * np.radians(0.02) / np.cos(np.radians(12)) ** 2
-    assert 0.9 * far < np.max(angle.change_mm) <= far
+    assert 0.9 * far < np.max(angle.effect) <= far
 
 
 def points(z_mm, u_mm, seed):

@@ -10,8 +10,10 @@ from fringecal.errors import DetectionError, FitError
 from fringecal.projector.angle.angle_theory import displacement, reflected_source, seen_axes, theoretical_apparent
 from fringecal.projector.angle.projection_angle import ProjectorPosition
 from fringecal.projector.orders.whole_fringes import explained, predicted_turns
-from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import RigModel
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 
 SHAPE = (601, 801)
 X_MM = (-150.0, -75.0, 0.0, 75.0, 150.0)
@@ -75,7 +77,7 @@ def moved_mode(x_mm, height_mm, dx, dz):
     effect = np.zeros(len(CAMERA_NAMES) + 7 + 1)
     shift = pinhole_rig(x_mm + dx, height_mm + dz).parameters - pinhole_rig(x_mm, height_mm).parameters
     effect[len(CAMERA_NAMES) : len(CAMERA_NAMES) + 7] = shift
-    return Mode("phase scatter", effect)
+    return UncertaintyComponent(Influence.PHASE_SCATTER, effect)
 
 
 def test_a_lamp_moved_to_the_left_is_said_to_stand_there():

@@ -18,6 +18,7 @@ from fringecal.projector.height_models import height_changes
 from fringecal.projector.joint_fit import fit_rig
 from fringecal.projector.rig_calibration import Observations, calibrate_rig
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Influence, Source
 
 SHAPE = (240, 320)
 CAMERA = PlateCamera.from_values({"scale_mm_per_px": 1.5, "height_mm": 1500.0}, SHAPE)
@@ -50,8 +51,8 @@ def observed(true_heights, rng, *, camera=CAMERA):
     """Plate, strips of stated 3 mm and, where a third height is given, a block of stated 30 mm."""
     places = [pixels(1, 800), pixels(2), pixels(3, share=BLOCK.extent)][: len(true_heights)]
     phases = [surface(u, v, z, rng, camera) for (u, v), z in zip(places, true_heights, strict=True)]
-    stated = [Estimate(0.0, 0.0, "mm", "plate"), Estimate(3.0, STRIP_U, "mm", "strip height")]
-    stated += [Estimate(30.0, BLOCK_U, "mm", "step height")]
+    stated = [Estimate(0.0, 0.0, "mm", "plate"), Estimate(3.0, STRIP_U, "mm", influence=Influence.STRIP_HEIGHT)]
+    stated += [Estimate(30.0, BLOCK_U, "mm", influence=Influence.STEP_HEIGHT)]
     (u, v), (phase, cluster) = (tuple(zip(*rows, strict=True)) for rows in (places, phases))
     return Observations(u, v, phase, cluster, tuple(stated[: len(true_heights)]))
 
@@ -127,21 +128,22 @@ def test_a_block_brings_what_was_promised(camera_fit):
     # What the block then truly gives, against the promise: both estimate scatter from one draw, 10 % each.
     assert forecast_height(calibration, 28.0).rms_mm == pytest.approx(gain.after_mm[28.0], rel=0.15)
     assert "a step block of 30 mm" in advice.sentences[-1]
-    assert "strip height" in advice.sentences[0]
+    assert Influence.STRIP_HEIGHT.text in advice.sentences[0]
 
 
 def test_forecast_names_what_dominates(camera_fit):
     calibration, _ = calibrate_rig(observed((0.0, 3.0), np.random.default_rng(8)), camera_fit)
     forecast = forecast_height(calibration, 20.0, noise_rad=NOISE, known_to_mm=3.0)
-    label, share = forecast.dominant
-    assert label == "strip height"
+    source, share = forecast.dominant
+    assert source == Source(Influence.STRIP_HEIGHT)
     # 20 mm on strips of 3.000(5) mm: 0.0333 mm, nearly the same everywhere.
-    assert forecast.causes()["strip height"] == pytest.approx(20 / 3 * STRIP_U, rel=0.03)
-    assert share == pytest.approx(forecast.causes()[label] ** 2 / forecast.rms_mm**2)
-    assert "extrapolation beyond 3 mm" in forecast.causes()
-    assert sum(c**2 for c in forecast.causes().values()) == pytest.approx(forecast.rms_mm**2)
+    parts = forecast.contributions_mm()
+    assert parts[source] == pytest.approx(20 / 3 * STRIP_U, rel=0.03)
+    assert share == pytest.approx(parts[source] ** 2 / forecast.rms_mm**2)
+    assert Source(Influence.EXTRAPOLATION, "3 mm") in parts
+    assert sum(c**2 for c in parts.values()) == pytest.approx(forecast.rms_mm**2)
     # One radian is PITCH / (2 pi tan) of height where the camera looks straight down.
     middle = forecast.noise_mm[4, 4]
     assert middle == pytest.approx(NOISE * PITCH / (2 * math.pi) / (SIDE / HEIGHT), rel=0.05)
     below = forecast_height(calibration, 2.0, known_to_mm=3.0)
-    assert "phase scatter" in below.causes()
+    assert Source(Influence.PHASE_SCATTER) in below.contributions_mm()

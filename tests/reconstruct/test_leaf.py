@@ -9,12 +9,14 @@ from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.errors import FitError
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.noise import Noise
-from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct.extent import extent_of
 from fringecal.reconstruct.phase_to_height import reconstruct_height
 from fringecal.reconstruct.sections import row_section
 from fringecal.simulate import Leaf, leaf_scene
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 from fringecal.verification.forms.folds import folds_of, folds_table
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.shared.sections.surface_items import readable_surface
@@ -33,7 +35,8 @@ def rig():
     effects = np.zeros((2, camera.parameters.size + 7 + 1))
     effects[0, CAMERA_NAMES.index("scale_mm_per_px")] = 1e-3 * 0.734
     effects[1, camera.parameters.size + 2] = 1e-3 * ratio[2]
-    return RigCalibration(camera, model, (Mode("grid pitch", effects[0]), Mode("strip height", effects[1])))
+    influences = Influence.GRID_PITCH, Influence.STRIP_HEIGHT
+    return RigCalibration(camera, model, tuple(map(UncertaintyComponent, influences, effects)))
 
 
 @pytest.fixture(scope="module")

@@ -7,12 +7,14 @@ from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
 from fringecal.phase.demodulation.noise import Noise
 from fringecal.projector.height_models import height_changes
-from fringecal.projector.rig_calibration import Mode, RigCalibration
+from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import PlateResidual, RigModel, projector_point
 from fringecal.reconstruct import phase_to_height as height_module
 from fringecal.reconstruct.object_phase import ObjectPhase
 from fringecal.reconstruct.phase_to_height import Reason, height_of_phase, reconstruct_height
 from fringecal.reconstruct.row_rays import row_rays
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 
 SHAPE = (150, 200)
 NEAR = np.array([0.0, 1222.0, 1000.0])
@@ -28,8 +30,8 @@ def calibration(*, lens=0.0, telecentric=False, residual=RESIDUAL, ratio=DIVERGI
     size = camera.parameters.size + 7 + residual.coefficients.size
     effects = np.zeros((2, size))
     effects[0, 11], effects[1, camera.parameters.size + 2] = 2.0, 1e-4
-    modes = (Mode("camera height", effects[0]), Mode("phase scatter", effects[1]))
-    return RigCalibration(camera, model, modes, 0.004)
+    influences = Influence.CAMERA_HEIGHT, Influence.PHASE_SCATTER
+    return RigCalibration(camera, model, tuple(map(UncertaintyComponent, influences, effects)), 0.004)
 
 
 def surface_of(rig):

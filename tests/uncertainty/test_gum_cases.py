@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 import uncertainties
 
+from fringecal.uncertainty.correlated_dof import DofWarning, correlated_dof
 from fringecal.uncertainty.estimates import Estimate
 from fringecal.uncertainty.propagation import (
-    DofWarning,
-    correlated_dof,
     jacobian,
     propagate,
     propagate_covariance,
@@ -51,12 +50,14 @@ def test_h1_end_gauge():
 
 
 def test_h1_budget_is_sorted():
-    rows = propagate(end_gauge, h1_inputs()).rows
-    assert [row.label for row in rows[:6]] == ["l_s", "dtheta", "d2", "d0", "d1", "dalpha"]
-    contributions = [row.contribution for row in rows]
+    budget = propagate(end_gauge, h1_inputs())
+    named = [source.detail for source in budget.contributions()]
+    assert named[:6] == ["l_s", "dtheta", "d2", "d0", "d1", "dalpha"]
+    contributions = list(budget.contributions().values())
     assert contributions[:6] == pytest.approx([25, 16.6, 6.7, 5.8, 3.9, 2.89], abs=0.05)
     assert contributions[6:] == pytest.approx([0, 0, 0], abs=1e-6)
-    assert sum(row.percent for row in rows) == pytest.approx(100)
+    assert sum(budget.percents().values()) == pytest.approx(100)
+    assert list(budget.table()["influence"]) == named
 
 
 def test_h1_coverage_factor_truncated_and_interpolated():

@@ -8,6 +8,8 @@ import pytest
 from fringecal.errors import FitError
 from fringecal.targets import parse_target
 from fringecal.targets.target_surface import surface_mm
+from fringecal.uncertainty.components import UncertaintyComponent
+from fringecal.uncertainty.influences import Influence
 from fringecal.verification.forms.probes import probe
 from fringecal.verification.forms.readings import readings_table, take_readings
 
@@ -54,8 +56,12 @@ def by_name(readings):
     return {reading.name: reading for reading in readings}
 
 
-def read(artefact, surface, by_cause=exact):
-    return by_name(take_readings(probe(artefact, surface), surface, by_cause))
+def contributions(reading):
+    return {source.detail or source.influence: u for source, u in reading.budget.contributions().items()}
+
+
+def read(artefact, surface, by_component=exact):
+    return by_name(take_readings(probe(artefact, surface), surface, by_component))
 
 
 BLOCK = target("steps", heights_mm=q([5.0, 10.0, 20.0]), width_mm=q(30.0), length_mm=q(60.0))
@@ -108,18 +114,21 @@ def test_flat_wedge_and_box() -> None:
     assert read(box, drawn(box, stretch=0.99))["height"].error == pytest.approx(-0.2, abs=1e-9)
 
 
-def test_a_cause_reaches_heights_in_proportion_and_spacing_through_the_scale() -> None:
-    def causes(u, v, z):
+def test_an_influence_reaches_heights_in_proportion_and_spacing_through_the_scale() -> None:
+    def components(u, v, z):
         x, y = (u - 199.5) * PIXEL_MM, (199.5 - v) * PIXEL_MM
-        yield "height scale", np.stack([x, y, 1.001 * z], axis=1)
-        yield "lateral scale", np.stack([1.0005 * x, 1.0005 * y, z], axis=1)
+        up, across = (
+            UncertaintyComponent(Influence.INPUT, 1.0, detail=f"{name} scale") for name in ("height", "lateral")
+        )
+        yield up, np.stack([x, y, 1.001 * z], axis=1)
+        yield across, np.stack([1.0005 * x, 1.0005 * y, z], axis=1)
 
-    steps = read(BLOCK, drawn(BLOCK), causes)
-    assert steps["step of 20 mm"].budget["height scale"] == pytest.approx(0.020, rel=1e-6)
-    assert steps["step of 20 mm"].budget["lateral scale"] == pytest.approx(0.0, abs=1e-9)
+    steps = read(BLOCK, drawn(BLOCK), components)
+    assert contributions(steps["step of 20 mm"])["height scale"] == pytest.approx(0.020, rel=1e-6)
+    assert contributions(steps["step of 20 mm"])["lateral scale"] == pytest.approx(0.0, abs=1e-9)
     assert steps["step of 20 mm"].u_measured == pytest.approx(0.020, rel=1e-6)
-    bar = read(BAR, drawn(BAR), causes)
-    assert bar["spacing"].budget["lateral scale"] == pytest.approx(0.05, rel=1e-3)
+    bar = read(BAR, drawn(BAR), components)
+    assert contributions(bar["spacing"])["lateral scale"] == pytest.approx(0.05, rel=1e-3)
 
 
 def test_scatter_of_a_mean_follows_the_noise() -> None:
@@ -127,7 +136,7 @@ def test_scatter_of_a_mean_follows_the_noise() -> None:
     reading = read(box, drawn(box, noise_mm=0.05))["height"]
     points = min(reading.points, 6000)
     # The jackknife of 24 blocks scatters by 1 / sqrt(2 * 23) = 15 %.
-    assert reading.budget["scatter over the artefact"] == pytest.approx(0.05 / np.sqrt(points), rel=0.45)
+    assert contributions(reading)[Influence.ARTEFACT_SCATTER] == pytest.approx(0.05 / np.sqrt(points), rel=0.45)
 
 
 def test_table_holds_every_number() -> None:

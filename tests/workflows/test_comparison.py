@@ -11,8 +11,9 @@ from fringecal.errors import RecordError
 from fringecal.projector.angle.projection_angle import projection_angle
 from fringecal.records.calibration_record import CALIBRATION_FILE, parse_calibration
 from fringecal.report.html import render_html
+from fringecal.uncertainty.influences import Influence
 from fringecal.workflows.compare.report import comparison_report
-from fringecal.workflows.compare.run import compare_calibrations, shared_causes
+from fringecal.workflows.compare.run import compare_calibrations, shared_influences
 from fringecal.workflows.shared.stored_calibration import calibration_of
 
 ARCHIVE = max((Path(__file__).parents[1] / "records" / "archive").glob("[0-9]*")) / CALIBRATION_FILE
@@ -77,7 +78,7 @@ def test_an_artefact_of_both_explains_no_difference(itself, record, quantity, ke
 
 def test_another_sheet_explains_one(text, record):
     other = changed(text, another_sheet)
-    assert shared_causes(record, other) == ("strip height",)
+    assert shared_influences(record, other) == (Influence.STRIP_HEIGHT,)
     one = by_name(compare_calibrations(record, other))["scale, mean"]
     assert one.difference.u == pytest.approx(math.sqrt(2) * record.scale.mean.u, rel=0.01)
 
@@ -85,8 +86,9 @@ def test_another_sheet_explains_one(text, record):
 def test_the_scatter_of_repeated_calibrations_is_the_one_predicted(itself, record):
     """Pairs drawn from the covariance, their artefacts' errors in common: differences over u scatter by 1."""
     calibration, rng = calibration_of(record), np.random.default_rng(12)
-    shared = np.array([mode.label in ("grid pitch", "strip height") for mode in calibration.modes])
-    effects = np.stack([mode.effect for mode in calibration.modes])
+    both = Influence.GRID_PITCH, Influence.STRIP_HEIGHT
+    shared = np.array([component.influence in both for component in calibration.components])
+    effects = np.stack([component.effect for component in calibration.components])
 
     def quantities(z):
         drawn = calibration.replaced(calibration.vector + z @ effects)

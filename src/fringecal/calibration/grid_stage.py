@@ -1,7 +1,7 @@
 """The camera on the plate from the detected grid, with what is known of lens and height."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from fringecal.camera import (
 )
 from fringecal.detect import GridDetection
 from fringecal.errors import FitError
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent
 
 #: Height of a camera over the diagonal of its field, where nobody states it: lenses see 71 deg (0.7) to 14 deg (4).
 _USUAL_HEIGHT, _USUAL_REL_U = 1.7, 0.6
@@ -71,16 +71,16 @@ class CameraFindings:
         return {name: self.fit.camera.scale(name) for name in ("mean", "horizontal", "vertical")}
 
     @property
-    def scale_budget(self) -> dict[str, float]:
-        """Contributions to u of the mean scale in mm/px, by cause."""
-        camera = self.fit.camera
-        base, total = camera.scale("mean").value, camera.scale("mean").u
-        budget = {
-            label: camera.replaced(camera.parameters + effect).scale("mean").value - base
-            for label, effect in self.fit.causes.items()
-        }
-        left = total**2 - sum(change**2 for change in budget.values())
-        return budget | {"grid crossings": math.sqrt(max(0.0, left))}
+    def scale_budget(self) -> Budget:
+        """The mean scale in mm/px with the components of its uncertainty."""
+        camera, mean = self.fit.camera, self.fit.camera.scale("mean")
+        stated = [
+            replace(one, effect=camera.replaced(camera.parameters + one.effect).scale("mean").value - mean.value)
+            for one in self.fit.components
+        ]
+        left = mean.u**2 - sum(one.effect**2 for one in stated)
+        crossings = UncertaintyComponent(Influence.GRID_CROSSINGS, math.sqrt(max(0.0, left)), self.fit.dof)
+        return Budget(mean, (*stated, crossings))
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def usual_height(detection: GridDetection, pitch_mm: float) -> Estimate:
     """Return the height at which a camera with a usual lens stands over the field of a grid's picture."""
     rows, columns = detection.shape
     height = _USUAL_HEIGHT * _field_mm(detection, pitch_mm) * math.hypot(rows, columns) / max(rows, columns)
-    return Estimate(height, _USUAL_REL_U * height, "mm", "camera height, not stated")
+    return Estimate(height, _USUAL_REL_U * height, "mm", influence=Influence.CAMERA_HEIGHT)
 
 
 def fit_camera(

@@ -86,11 +86,11 @@ def contradictions(observations: Observations, fit: RigFit) -> tuple[str, ...]:
     """Name every stated height that the other surfaces would have to move beyond its uncertainty."""
     found = []
     for surface, moved in enumerate(fit.doubts):
-        for doubt, value in zip(observations.doubts_of(surface), moved, strict=True):
+        for component, value in zip(observations.components_of(surface), moved, strict=True):
             if abs(value) > CONTRADICTS:
                 height = observations.height_mm[surface].value
                 found.append(
-                    f"The artefacts contradict one another: to agree with the others, the {doubt.label} "
+                    f"The artefacts contradict one another: to agree with the others, the {component.source.text} "
                     f"({height:g} mm) would have to be off by {float(value):+z.1f} of its standard uncertainties. "
                     "Measure it again."
                 )

@@ -53,7 +53,7 @@ from .angle.projection_angle import (
     ProjectorPosition as ProjectorPosition,
 )
 from .angle.projection_angle import (
-    angle_estimate as angle_estimate,
+    angle_budget as angle_budget,
 )
 from .angle.projection_angle import (
     angles_at_origin as angles_at_origin,
@@ -105,9 +105,6 @@ from .orders.strip_orders import (
 )
 from .orders.whole_fringes import (
     explained as explained,
-)
-from .rig_calibration import (
-    Mode as Mode,
 )
 from .rig_calibration import (
     Observations as Observations,

@@ -16,7 +16,7 @@ from fringecal.projector.forecast import HeightForecast, forecast_height
 from fringecal.projector.joint_fit import RigFit
 from fringecal.projector.rig_calibration import Observations, RigCalibration, calibrate_rig
 from fringecal.projector.sampling import pick_points
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 
 Array = NDArray[np.float64]
 
@@ -140,7 +140,7 @@ def proposed(proposal: Proposal, rig: RigCalibration, fit: RigFit) -> Observatio
     for height in proposal.heights_mm:
         waves = scatter[0] * rng.standard_normal(block.max() + 1)[block]
         phase = rig.model.phase(*rays.at(height), height) + waves + scatter[1] * rng.standard_normal(u.size)
-        known = Estimate(height, proposal.u_mm, "mm", "added height")
+        known = Estimate(height, proposal.u_mm, "mm", influence=Influence.ADDED_HEIGHT)
         made.append(Observations((u,), (v,), (phase,), (cluster,), (known,)))
     whole = made[0]
     for part in made[1:]:
@@ -161,11 +161,12 @@ def _scatter(fit: RigFit) -> tuple[float, float]:
 
 
 def _forecast_sentence(forecast: HeightForecast) -> str:
-    label, share = forecast.dominant
+    dominant = forecast.dominant
+    due = "" if dominant is None else f"; {100 * dominant[1]:.0f} % of its variance is due to: {dominant[0].text}"
     return (
         f"A height of {forecast.z_mm:g} mm has a standard uncertainty of {forecast.rms_mm:.2g} mm over the field "
         f"({float(forecast.u_mm.min()):.2g} to {float(forecast.u_mm.max()):.2g} mm; a single pixel's noise adds "
-        f"{float(np.median(forecast.noise_mm)):.2g} mm); {100 * share:.0f} % of its variance is due to: {label}."
+        f"{float(np.median(forecast.noise_mm)):.2g} mm){due}."
     )
 
 

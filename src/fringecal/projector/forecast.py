@@ -1,13 +1,14 @@
-"""How uncertain a height will be anywhere in the field, and which cause is to blame: from the covariance alone."""
+"""How uncertain a height will be anywhere in the field, and which influence dominates: from the covariance alone."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.projector.height_models import height_changes
 from fringecal.projector.rig_calibration import RigCalibration
+from fringecal.uncertainty import Influence, Source, UncertaintyComponent, contributions
 
 Array = NDArray[np.float64]
 
@@ -25,10 +26,8 @@ class HeightForecast:
         The height.
     u_px, v_px
         Pixels at which it was asked, shape (n, n).
-    labels
-        Causes; one may stand more than once (independent parts of it).
-    changes_mm
-        What each does to the height there, shape (causes, n, n).
+    components
+        Uncertainty components: the change of the height there under each, mm, shape (n, n).
     noise_mm
         Standard uncertainty by the noise of a single pixel, shape (n, n); it averages out over areas.
     """
@@ -36,33 +35,29 @@ class HeightForecast:
     z_mm: float
     u_px: Array
     v_px: Array
-    labels: tuple[str, ...]
-    changes_mm: Array
+    components: tuple[UncertaintyComponent, ...]
     noise_mm: Array
 
     @property
     def u_mm(self) -> Array:
         """Map of the systematic standard uncertainty, which no averaging takes away."""
-        return np.sqrt(np.sum(self.changes_mm**2, axis=0))
+        return np.sqrt(sum((c.effect**2 for c in self.components), np.zeros(self.u_px.shape)))
 
     @property
     def rms_mm(self) -> float:
         """Root mean square of `u_mm` over the field."""
         return float(np.sqrt(np.mean(self.u_mm**2)))
 
-    def causes(self) -> dict[str, float]:
-        """Return what each cause contributes in mm, root mean square over the field, the largest first."""
-        total: dict[str, float] = {}
-        for label, change in zip(self.labels, self.changes_mm, strict=True):
-            total[label] = math.hypot(total.get(label, 0.0), float(np.sqrt(np.mean(change**2))))
-        return dict(sorted(total.items(), key=lambda item: -item[1]))
+    def contributions_mm(self) -> dict[Source, float]:
+        """Return what each source contributes in mm, root mean square over the field, the largest first."""
+        return contributions(replace(c, effect=np.sqrt(np.mean(c.effect**2))) for c in self.components)
 
     @property
-    def dominant(self) -> tuple[str, float]:
-        """The largest cause, and its share of the variance over the field."""
-        causes = self.causes()
-        label = next(iter(causes), "")
-        return label, causes[label] ** 2 / max(self.rms_mm**2, 1e-300) if label else 0.0
+    def dominant(self) -> tuple[Source, float] | None:
+        """The source that contributes most, and its share of the variance over the field; None without any."""
+        for source, u_mm in self.contributions_mm().items():
+            return source, u_mm**2 / max(self.rms_mm**2, 1e-300)
+        return None
 
 
 def forecast_height(
@@ -73,7 +68,7 @@ def forecast_height(
     Parameters
     ----------
     calibration
-        The rig with the modes of its uncertainty.
+        The rig with its uncertainty components.
     z_mm
         The height above the plate.
     noise_rad
@@ -87,7 +82,16 @@ def forecast_height(
     rays = camera.rays(uu, vv)
     gx, gy, gz = calibration.model.gradient(*rays.at(z_mm), z_mm)
     noise = noise_rad / np.abs(gz + gx * rays.bx + gy * rays.by)
-    beyond = f"extrapolation beyond {known_to_mm:g} mm"
-    renamed = {"phase scatter": beyond} if z_mm > known_to_mm else {}
-    labels = tuple(renamed.get(mode.label, mode.label) for mode in calibration.modes)
-    return HeightForecast(z_mm, uu, vv, labels, height_changes(calibration, z_mm, uu, vv), noise)
+    changes = height_changes(calibration, z_mm, uu, vv)
+    pairs = zip(calibration.components, changes, strict=True)
+    components = tuple(replace(component, effect=change) for component, change in pairs)
+    if z_mm > known_to_mm:
+        components = tuple(_extrapolated(component, known_to_mm) for component in components)
+    return HeightForecast(z_mm, uu, vv, components, noise)
+
+
+def _extrapolated(component: UncertaintyComponent, known_to_mm: float) -> UncertaintyComponent:
+    """Name for what it is what scatter of the phase does beyond the heights that the rig was fitted to."""
+    if component.influence is not Influence.PHASE_SCATTER:
+        return component
+    return replace(component, influence=Influence.EXTRAPOLATION, detail=f"{known_to_mm:g} mm")

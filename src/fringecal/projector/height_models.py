@@ -93,14 +93,14 @@ def _first_order(rig: RigModel, phase: Array, rays: Rays) -> Array:
 def height_changes(
     calibration: RigCalibration, z_mm: Array | float, u_px: Array, v_px: Array, *, model: str = "projective"
 ) -> Array:
-    """Return the change of a measured height in mm under one standard uncertainty of every cause.
+    """Return the change of a measured height in mm under one standard uncertainty of every influence.
 
     The phase that a surface at `z_mm` sends to a pixel stays; what is made of it moves with the calibration.
 
     Parameters
     ----------
     calibration
-        The rig with its modes.
+        The rig with its uncertainty components.
     z_mm
         Heights, in a shape that broadcasts with the pixels'.
     u_px, v_px
@@ -111,15 +111,15 @@ def height_changes(
     Returns
     -------
     changes
-        Shape (modes, ...), 0 where a moved rig sees no height.
+        Shape (components, ...), 0 where a moved rig sees no height.
     """
     z, _ = np.broadcast_arrays(np.asarray(z_mm, float), u_px)
     rays = calibration.camera.rays(u_px, v_px)
     phase = calibration.model.phase(*rays.at(z), z)
     base = height_model(calibration, model).height(phase, rays)
     rows = []
-    for mode in calibration.modes:
-        moved = calibration.shifted(mode)
+    for component in calibration.components:
+        moved = calibration.shifted(component)
         change = height_model(moved, model).height(phase, moved.camera.rays(u_px, v_px)) - base
         rows.append(np.where(np.isfinite(change), change, 0.0))
     return np.stack(rows) if rows else np.zeros((0, *z.shape))

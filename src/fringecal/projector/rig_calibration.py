@@ -1,14 +1,14 @@
-"""A calibrated rig: camera and rig model as one parameter vector, with its covariance split by cause.
+"""A calibrated rig: camera and rig model as one parameter vector, with its covariance split by influence.
 
-Every cause of doubt (strip height, grid pitch, camera height, scatter of phase) is a mode: what one standard
-uncertainty of it does to all parameters at once. Any quantity's budget is its change under each mode.
+Every influence (strip height, grid pitch, camera height, scatter of phase) is an uncertainty component: what one
+standard uncertainty of it does to all parameters at once. Any quantity's budget is its change under each component.
 """
 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from operator import itemgetter
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,25 +17,16 @@ from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.phase import PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
-from fringecal.uncertainty import Estimate, effective_dof
+from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent, combined
 
 Array = NDArray[np.float64]
 
-_NEGLIGIBLE = 1e-4  # modes below this share of the variance only cost time
-
-
-@dataclass(frozen=True)
-class Mode:
-    """What one standard uncertainty of a cause does to all parameters."""
-
-    label: str
-    effect: Array
-    dof: float = math.inf
+_NEGLIGIBLE = 1e-4  # axes below this share of the variance only cost time
 
 
 @dataclass(frozen=True)
 class RigCalibration:
-    """Camera, rig model and the modes of their joint uncertainty.
+    """Camera, rig model and the components of their joint uncertainty, whose effects run over all parameters.
 
     The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
     the shape of the fringes as found on the plate, `orders` how further periods number them.
@@ -43,7 +34,7 @@ class RigCalibration:
 
     camera: PlateCamera
     model: RigModel
-    modes: tuple[Mode, ...]
+    components: tuple[UncertaintyComponent, ...]
     excess_rad: float = 0.0
     wave: Waveform | None = None
     orders: PlateOrders | None = None
@@ -66,13 +57,13 @@ class RigCalibration:
 
     @property
     def covariance(self) -> Array:
-        """Joint covariance of `vector`: the sum of all modes."""
+        """Joint covariance of `vector`: the sum over all components."""
         size = self.vector.size
-        return sum((np.outer(m.effect, m.effect) for m in self.modes), np.zeros((size, size)))
+        return sum((np.outer(c.effect, c.effect) for c in self.components), np.zeros((size, size)))
 
-    def shifted(self, mode: Mode) -> "RigCalibration":
-        """Return the calibration with one standard uncertainty of a cause added."""
-        return self.replaced(self.vector + mode.effect)
+    def shifted(self, component: UncertaintyComponent) -> "RigCalibration":
+        """Return the calibration with one standard uncertainty of an influence added."""
+        return self.replaced(self.vector + component.effect)
 
     def replaced(self, vector: Array) -> "RigCalibration":
         """Return the calibration with other parameter values."""
@@ -84,34 +75,16 @@ class RigCalibration:
         return replace(self, camera=self.camera.replaced(vector[:cut]), model=model)
 
     def changes(self, quantity: Callable[["RigCalibration"], ArrayLike]) -> Array:
-        """Return the change of a quantity under one standard uncertainty of each cause, shape (modes, ...)."""
+        """Return a quantity's change under one standard uncertainty of each influence, shape (components, ...)."""
         base = np.asarray(quantity(self), float)
-        moved = [np.asarray(quantity(self.shifted(mode)), float) - base for mode in self.modes]
+        moved = [np.asarray(quantity(self.shifted(component)), float) - base for component in self.components]
         return np.stack(moved) if moved else np.zeros((0, *base.shape))
 
-    def estimate(
-        self, quantity: Callable[["RigCalibration"], float], *, unit: str, label: str
-    ) -> tuple[Estimate, dict[str, float]]:
-        """Return a quantity's estimate and its budget: the signed change under each cause.
-
-        Effects of modes of one label are added in quadrature; degrees of freedom by `effective_dof`.
-        """
-        base = quantity(self)
-        changes = self.changes(quantity)
-        budget: dict[str, float] = {}
-        for mode, change in zip(self.modes, changes, strict=True):
-            budget[mode.label] = math.hypot(budget.get(mode.label, 0.0), float(change))
-        dof = effective_dof(changes, [mode.dof for mode in self.modes])
-        return Estimate(base, math.sqrt(float(changes @ changes)), unit, label, dof), budget
-
-
-@dataclass(frozen=True)
-class HeightDoubt:
-    """What one standard uncertainty of a cause does to the height of a surface: one number, or one per pixel."""
-
-    label: str
-    change_mm: float | Array
-    dof: float = math.inf
+    def budget(self, quantity: Callable[["RigCalibration"], float], *, unit: str, label: str) -> Budget:
+        """Return a quantity with its uncertainty and the components of it: its change under each."""
+        pairs = zip(self.components, self.changes(quantity), strict=True)
+        components = [replace(component, effect=float(change)) for component, change in pairs]
+        return combined(quantity(self), components, unit=unit, label=label)
 
 
 @dataclass(frozen=True)
@@ -119,8 +92,9 @@ class Observations:
     """What a rig is fitted to, in pixels: the plate, then artefacts of known height.
 
     `u_px`, `v_px`, `phase_rad`, `cluster` hold one array per surface; `height_mm` one estimate each (0 for the
-    plate), whose label names the cause. Where a surface is not level, `relief_mm` is added to its height pixel
-    by pixel, and `doubts` holds causes beside the height's own.
+    plate), which names its influence. Where a surface is not level, `relief_mm` is added to its height pixel
+    by pixel, and `components` holds uncertainty components beside the height's own: effects in mm, one number or
+    one for each pixel.
     """
 
     u_px: tuple[Array, ...]
@@ -129,19 +103,19 @@ class Observations:
     cluster: tuple[NDArray[np.intp], ...]
     height_mm: tuple[Estimate, ...]
     relief_mm: tuple[float | Array, ...] = ()
-    doubts: tuple[tuple[HeightDoubt, ...], ...] = ()
+    components: tuple[tuple[UncertaintyComponent, ...], ...] = ()
 
-    def doubts_of(self, surface: int) -> tuple[HeightDoubt, ...]:
-        """Return all causes that make the height of a surface uncertain, its own first."""
+    def components_of(self, surface: int) -> tuple[UncertaintyComponent, ...]:
+        """Return all components of the uncertainty of a surface's height, its own first."""
         height = self.height_mm[surface]
-        own = (HeightDoubt(height.label, height.u, height.dof),) if height.u > 0 else ()
-        return (*own, *(self.doubts[surface] if self.doubts else ()))
+        own = (UncertaintyComponent.of(height),) if height.u > 0 else ()
+        return (*own, *(self.components[surface] if self.components else ()))
 
     def surfaces(self, camera: PlateCamera, *, raised: tuple[int, int] | None = None) -> list[PhasePoints]:
-        """Return the points as this camera sees them; `raised` (surface, doubt) adds one u of that doubt."""
+        """Return the points as this camera sees them; `raised` (surface, component) adds one u of that component."""
         made = []
         for i, height in enumerate(self.height_mm):
-            changes = tuple(doubt.change_mm for doubt in self.doubts_of(i))
+            changes = tuple(component.effect for component in self.components_of(i))
             z = height.value + (self.relief_mm[i] if self.relief_mm else 0.0)
             if raised is not None and raised[0] == i:
                 z = z + changes[raised[1]]
@@ -157,15 +131,15 @@ class Observations:
         def few(values: Sequence[Array]) -> tuple[Array, ...]:
             return tuple(v[c] if np.ndim(v) else v for v, c in zip(values, chosen, strict=True))
 
-        doubts = tuple(
-            tuple(replace(d, change_mm=few([d.change_mm] * len(chosen))[i]) for d in row)  # type: ignore[list-item]
-            for i, row in enumerate(self.doubts)
+        components = tuple(
+            tuple(replace(c, effect=few([c.effect] * len(chosen))[i]) for c in row)
+            for i, row in enumerate(self.components)
         )
         relief = few(self.relief_mm) if self.relief_mm else ()  # type: ignore[arg-type]
         clusters = tuple(k[c] for k, c in zip(self.cluster, chosen, strict=True))
         return replace(
             self, u_px=few(self.u_px), v_px=few(self.v_px), phase_rad=few(self.phase_rad),
-            cluster=clusters, relief_mm=relief, doubts=doubts,
+            cluster=clusters, relief_mm=relief, components=components,
         )  # fmt: skip
 
     def joined(self, other: "Observations") -> "Observations":
@@ -177,7 +151,7 @@ class Observations:
             self.cluster + other.cluster,
             self.height_mm + other.height_mm,
             sum((o.relief_mm or (0.0,) * len(o.height_mm) for o in (self, other)), ()),
-            sum((o.doubts or ((),) * len(o.height_mm) for o in (self, other)), ()),
+            sum((o.components or ((),) * len(o.height_mm) for o in (self, other)), ()),
         )
 
 
@@ -197,7 +171,7 @@ def calibrate_rig(
     observations
         Plate first, then surfaces of known height.
     camera_fit
-        The camera on the plate with the causes of its uncertainty.
+        The camera on the plate with the components of its uncertainty.
     residual_degree
         Total degree of the plate's smooth residual.
     projector_near
@@ -222,19 +196,20 @@ def calibrate_rig(
     camera = camera_fit.camera
     fit = solve(camera)
     base = _joined(camera, fit.model)
-    modes = [Mode("phase scatter", effect, fit.dof) for effect in _scatter_effects(fit, base.size)]
+    scatter = _scatter_effects(fit, base.size)
+    components = [UncertaintyComponent(Influence.PHASE_SCATTER, effect, fit.dof) for effect in scatter]
     for index in range(len(observations.height_mm)):
-        for number, doubt in enumerate(observations.doubts_of(index)):
-            progress(f"sensitivity to {doubt.label}")
+        for number, height in enumerate(observations.components_of(index)):
+            progress(f"sensitivity to {height.source.text}")
             effect = _joined(camera, solve(camera, (index, number), fit).model) - base
-            modes.append(Mode(doubt.label, effect, doubt.dof))
-    for label, effects in groupby(_camera_effects(camera_fit), key=itemgetter(0)):
-        progress(f"sensitivity to {label}")
-        for _, effect in effects:
-            moved = camera.replaced(camera.parameters + effect)
-            modes.append(Mode(label, _joined(moved, solve(moved, start=fit).model) - base, camera_fit.dof))
+            components.append(replace(height, effect=effect))
+    for source, group in groupby(_camera_components(camera_fit), key=attrgetter("source")):
+        progress(f"sensitivity to {source.text}")
+        for component in group:
+            moved = camera.replaced(camera.parameters + component.effect)
+            components.append(replace(component, effect=_joined(moved, solve(moved, start=fit).model) - base))
     excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
-    return RigCalibration(camera, fit.model, tuple(modes), excess), fit
+    return RigCalibration(camera, fit.model, tuple(components), excess), fit
 
 
 def _joined(camera: PlateCamera, model: RigModel) -> Array:
@@ -251,11 +226,12 @@ def _scatter_effects(fit: RigFit, size: int) -> list[Array]:
     return effects
 
 
-def _camera_effects(fit: CameraFit) -> Sequence[tuple[str, Array]]:
-    """Return the camera's stated causes, and the principal axes of what the crossings' scatter leaves."""
-    stated = list(fit.causes.items())
-    left = fit.camera.covariance - sum((np.outer(e, e) for _, e in stated), np.zeros_like(fit.camera.covariance))
-    return [*stated, *(("grid crossings", axis) for axis in _axes(left))]
+def _camera_components(fit: CameraFit) -> Sequence[UncertaintyComponent]:
+    """Return the components of the camera's stated inputs, and the principal axes of what the crossings add."""
+    effects = (component.effect for component in fit.components)
+    left = fit.camera.covariance - sum((np.outer(e, e) for e in effects), np.zeros_like(fit.camera.covariance))
+    scatter = (UncertaintyComponent(Influence.GRID_CROSSINGS, axis, fit.dof) for axis in _axes(left))
+    return [*fit.components, *scatter]
 
 
 def _axes(covariance: Array) -> list[Array]:
@@ -270,4 +246,4 @@ def _axes(covariance: Array) -> list[Array]:
     ]
 
 
-__all__ = ["HeightDoubt", "Mode", "Observations", "PlateResidual", "RigCalibration", "calibrate_rig"]
+__all__ = ["Observations", "PlateResidual", "RigCalibration", "calibrate_rig"]

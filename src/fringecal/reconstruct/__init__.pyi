@@ -17,7 +17,7 @@ from .object_phase import (
     absolute_phase as absolute_phase,
 )
 from .perturbed import (
-    points_by_cause as points_by_cause,
+    points_by_component as points_by_component,
 )
 from .phase_to_height import (
     height_of_phase as height_of_phase,

@@ -1,4 +1,4 @@
-"""Area and volume of an object on the plate, with what noise and every cause of the calibration do to them."""
+"""Area and volume of an object on the plate, with what noise and every influence on the calibration do to them."""
 
 import math
 from collections.abc import Iterator
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from fringecal.errors import FitError
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct.height_map import HeightMap
-from fringecal.reconstruct.perturbed import points_by_cause
+from fringecal.reconstruct.perturbed import points_by_component
 
 Array = NDArray[np.float64]
 
-_THINNED = 40_000  # pixels at which causes are evaluated: their changes are smooth
+_THINNED = 40_000  # pixels at which influences are evaluated: their changes are smooth
 _PLATE_SIGMAS = 5.0
 
 
@@ -128,7 +128,7 @@ def _random_variance(points: Array, noise: Array) -> Array:
 
 
 def _changes(surface: HeightMap, calibration: RigCalibration, least: float, model: str) -> Iterator[Array]:
-    """Relative change of the three sums under every cause, on a thinned lattice."""
+    """Relative change of the three sums under every influence, on a thinned lattice."""
     step = max(1, math.ceil(math.sqrt(surface.z.size / _THINNED)))
     v, u = np.mgrid[: surface.z.shape[0] : step, : surface.z.shape[1] : step]
     z = np.asarray(surface.z[::step, ::step], float)
@@ -138,5 +138,5 @@ def _changes(surface: HeightMap, calibration: RigCalibration, least: float, mode
         return
     base = _sums(_cells(np.stack([*rays.at(z), z], axis=-1))[:, counted])
     flat = (u.ravel().astype(float), v.ravel().astype(float), z.ravel())
-    for _, points in points_by_cause(calibration, *flat, model=model):
+    for _, points in points_by_component(calibration, *flat, model=model):
         yield _sums(_cells(points.reshape(*z.shape, 3))[:, counted]) / base - 1

@@ -68,6 +68,6 @@ class HeightMap:
         w = w / w.sum()
         random = float(np.sum((w * np.where(self.mask, self.u_random, 0.0)) ** 2))
         common = np.array(
-            [float(np.nansum(w * self.systematic.map(k, self.z))) for k in range(len(self.systematic.causes))]
+            [float(np.nansum(w * self.systematic.map(k, self.z))) for k in range(len(self.systematic.sources))]
         )
         return math.sqrt(random + float(common @ common))

@@ -1,4 +1,4 @@
-"""Measured points moved by each cause of the calibration's uncertainty, all three coordinates at once."""
+"""Measured points moved by each component of the calibration's uncertainty, all three coordinates at once."""
 
 from collections.abc import Iterator
 
@@ -6,22 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.projector import RigCalibration, height_model
+from fringecal.uncertainty import UncertaintyComponent
 
 Array = NDArray[np.float64]
 
 
-def points_by_cause(
+def points_by_component(
     calibration: RigCalibration, u_px: Array, v_px: Array, z_mm: Array, *, model: str = "projective"
-) -> Iterator[tuple[str, Array]]:
-    """Yield for every mode of the calibration its label and the points as they would then come out.
+) -> Iterator[tuple[UncertaintyComponent, Array]]:
+    """Yield every uncertainty component of the calibration and the points as they would come out with it added.
 
     The phase behind each height is kept, the calibration moves: heights, and x and y with the camera, follow.
-    Any length, form or volume is evaluated on the moved points; its change is the contribution of that cause.
+    Any length, form or volume is evaluated on the moved points; its change is the contribution of that component.
 
     Parameters
     ----------
     calibration
-        The rig with its modes, each one standard uncertainty of one cause.
+        The rig with its uncertainty components.
     u_px, v_px, z_mm
         Pixels and their measured heights, (n,).
     model
@@ -30,15 +31,15 @@ def points_by_cause(
     Yields
     ------
     tuple
-        Label and points, (n, 3) in mm.
+        Component and points, (n, 3) in mm.
     """
     rays = calibration.camera.rays(u_px, v_px)
     x, y = rays.at(z_mm)
     phase = calibration.model.phase(x, y, z_mm)
     base = height_model(calibration, model).height(phase, rays)
-    for mode in calibration.modes:
-        moved = calibration.shifted(mode)
+    for component in calibration.components:
+        moved = calibration.shifted(component)
         moved_rays = moved.camera.rays(u_px, v_px)
         # Other models do not invert the phase exactly: only the change counts.
         z = z_mm + height_model(moved, model).height(phase, moved_rays) - base
-        yield mode.label, np.stack([*moved_rays.at(z), z], axis=1)
+        yield component, np.stack([*moved_rays.at(z), z], axis=1)

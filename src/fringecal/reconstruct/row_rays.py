@@ -1,7 +1,7 @@
 """Rig and uncertainty as polynomials along every picture row: a handful of multiplications for each pixel.
 
-Rays need Newton's method on the lens's distortion, systematic uncertainty a sum over causes; along a row both are
-smooth, and the kernels of `fringecal.reconstruct.height_kernels` evaluate them by Horner's rule.
+Rays need Newton's method on the lens's distortion, systematic uncertainty a sum over its components; along a row both
+are smooth, and the kernels of `fringecal.reconstruct.height_kernels` evaluate them by Horner's rule.
 """
 
 from dataclasses import dataclass

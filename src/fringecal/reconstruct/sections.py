@@ -1,4 +1,4 @@
-"""Sections through a surface, with what moves them: noise of each point, and every cause of the calibration."""
+"""Sections through a surface, with what moves them: noise of each point, and every influence on the calibration."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from fringecal.errors import FitError
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct.height_map import HeightMap
-from fringecal.reconstruct.perturbed import points_by_cause
+from fringecal.reconstruct.perturbed import points_by_component
+from fringecal.uncertainty import Source
 
 Array = NDArray[np.float64]
 
@@ -27,16 +28,16 @@ class Section:
         Points (n, 3) in the plate frame.
     u_random_mm
         Random standard uncertainty of every height, (n,).
-    causes
-        Labels of the calibration's causes, K of them.
+    sources
+        Sources of the calibration's uncertainty components, K of them.
     moved_mm
-        The points under one standard uncertainty of each cause, (K, n, 3).
+        The points with one standard uncertainty of each added, (K, n, 3).
     """
 
     row_px: int
     points_mm: Array
     u_random_mm: Array
-    causes: tuple[str, ...]
+    sources: tuple[Source, ...]
     moved_mm: Array
 
     @property
@@ -71,11 +72,13 @@ def row_section(surface: HeightMap, calibration: RigCalibration, row_px: int, *,
             f"from 0 to {rows - 1} that crosses the object"
         )
     x, y, z, u = (np.asarray(m[row_px, known], float) for m in (surface.x, surface.y, surface.z, surface.u_random))
-    moved = list(points_by_cause(calibration, known.astype(float), np.full(known.size, float(row_px)), z, model=model))
+    moved = list(
+        points_by_component(calibration, known.astype(float), np.full(known.size, float(row_px)), z, model=model)
+    )
     return Section(
         row_px,
         np.stack([x, y, z], axis=1),
         u,
-        tuple(label for label, _ in moved),
+        tuple(component.source for component, _ in moved),
         np.stack([points for _, points in moved]) if moved else np.zeros((0, known.size, 3)),
     )

@@ -1,8 +1,8 @@
-"""Systematic uncertainty of a height map: how z moves with each cause, as smooth functions of (u, v, z).
+"""Systematic uncertainty of a height map: how z moves with each influence, as smooth functions of (u, v, z).
 
-The change of z under one standard uncertainty of a cause varies slowly over the field and with height, so it is
+The change of z under one standard uncertainty of an influence varies slowly over the field and with height, so it is
 sampled on a coarse lattice and kept as a polynomial: exact to far better than an uncertainty needs, at a
-hundredth of the time and memory of one full map per cause.
+hundredth of the time and memory of one full map for each.
 """
 
 from dataclasses import dataclass
@@ -12,6 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.projector import RigCalibration, height_changes
+from fringecal.uncertainty import Source
 
 Array = NDArray[np.float64]
 
@@ -22,12 +23,12 @@ _HEIGHTS = 6  # height levels, and one more than the degree in z
 
 @dataclass(frozen=True)
 class Sensitivities:
-    """Change of z in mm under one standard uncertainty of each cause, as a function of pixel and height.
+    """Change of z in mm under one standard uncertainty of each influence, as a function of pixel and height.
 
     Parameters
     ----------
-    causes
-        Names of the K causes; a name may stand more than once (independent parts of one cause).
+    sources
+        Sources of the K components; one may stand more than once (principal axes of one covariance).
     coefficients
         Chebyshev coefficients, shape (K, degrees in z, degrees in v, degrees in u).
     variance_coefficients
@@ -38,20 +39,20 @@ class Sensitivities:
         Heights between which the polynomial was sampled.
     """
 
-    causes: tuple[str, ...]
+    sources: tuple[Source, ...]
     coefficients: Array
     variance_coefficients: Array
     shape: tuple[int, int]
     z_range_mm: tuple[float, float]
 
     def maps(self, z_mm: ArrayLike) -> NDArray[np.float32]:
-        """Return one map per cause for heights z, shape (K, H, W); NaN where z is NaN."""
+        """Return one map for each component at heights z, shape (K, H, W); NaN where z is NaN."""
         z = np.asarray(z_mm, float)
-        return np.stack([self.map(k, z) for k in range(len(self.causes))]).astype(np.float32)
+        return np.stack([self.map(k, z) for k in range(len(self.sources))]).astype(np.float32)
 
-    def map(self, cause: int, z_mm: Array) -> Array:
-        """Return the map of one cause, by its number."""
-        return self._evaluated(self.coefficients[cause], z_mm)
+    def map(self, component: int, z_mm: Array) -> Array:
+        """Return the map of one component, by its number."""
+        return self._evaluated(self.coefficients[component], z_mm)
 
     def variance(self, z_mm: ArrayLike) -> Array:
         """Return the systematic variance of z in mm^2 as a map."""
@@ -80,12 +81,12 @@ class Sensitivities:
 def height_sensitivities(
     calibration: RigCalibration, z_range_mm: tuple[float, float], *, model: str = "projective"
 ) -> Sensitivities:
-    """Sample how z moves under each cause of the calibration's uncertainty.
+    """Sample how z moves under each component of the calibration's uncertainty.
 
     Parameters
     ----------
     calibration
-        The rig with its modes.
+        The rig with its uncertainty components.
     z_range_mm
         Lowest and highest height of interest; widened to 1 mm where it is narrower.
     model
@@ -100,7 +101,7 @@ def height_sensitivities(
     samples = height_changes(calibration, (middle + half * unit)[:, None, None], uu, vv, model=model)
     places = (unit, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
     return Sensitivities(
-        causes=tuple(mode.label for mode in calibration.modes),
+        sources=tuple(component.source for component in calibration.components),
         coefficients=_fitted(samples, *places),
         variance_coefficients=_fitted(np.sum(samples**2, axis=0, keepdims=True), *places)[0],
         shape=shape,

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
 
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 
 # Standard deviation of a distribution of half width 1 (JCGM 100:2008, 4.3.7 and 4.3.9).
 HALF_WIDTH_TO_U = {"rectangular": 1 / math.sqrt(3), "triangular": 1 / math.sqrt(6)}
@@ -79,7 +79,7 @@ class Quantity(BaseModel):
     >>> height_mm = Quantity(value=[3.001, 2.998], u=0.005)
     >>> height_mm.array(2)
     array([3.001, 2.998])
-    >>> print(height_mm.estimate("strip height", "mm", item=1))
+    >>> print(height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=1))
     strip height = 2.9980 mm, u = 0.0050 mm, dof inf
     """
 
@@ -124,10 +124,14 @@ class Quantity(BaseModel):
         """Spread the standard uncertainties over `count` items, shape (count,)."""
         return np.broadcast_to(np.array(self.us), (count,)).copy()
 
-    def estimate(self, label: str, unit: str, *, item: int = 0) -> Estimate:
-        """Take one item as an `Estimate`; a single number is the estimate of every item."""
+    def estimate(self, name: Influence | str, unit: str, *, item: int = 0) -> Estimate:
+        """Take one item as an `Estimate`; a single number is the estimate of every item.
+
+        `name` is the influence that the quantity is to other results, or a mere label where it is none.
+        """
         k = item if len(self.values) > 1 else 0
-        return Estimate(self.values[k], self.us[k], unit=unit, label=label)
+        influence, label = (name, name.text) if isinstance(name, Influence) else (None, name)
+        return Estimate(self.values[k], self.us[k], unit, label, influence=influence)
 
 
 class Scalar(Quantity):

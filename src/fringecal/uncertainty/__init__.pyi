@@ -1,3 +1,15 @@
+from .budgets import (
+    Budget as Budget,
+)
+from .budgets import (
+    combined as combined,
+)
+from .components import (
+    UncertaintyComponent as UncertaintyComponent,
+)
+from .components import (
+    contributions as contributions,
+)
 from .conformity import (
     decide as decide,
 )
@@ -12,6 +24,12 @@ from .estimates import (
 )
 from .estimates import (
     coverage_factor as coverage_factor,
+)
+from .influences import (
+    Influence as Influence,
+)
+from .influences import (
+    Source as Source,
 )
 from .repeatability import (
     Line as Line,

@@ -1,87 +1,105 @@
-"""Uncertainty budgets: what each influence contributes, the largest first."""
+"""Uncertainty budgets: a result, and the components that its uncertainty combines."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from fringecal.uncertainty.components import UncertaintyComponent, contributions
+from fringecal.uncertainty.correlated_dof import correlated_dof
+from fringecal.uncertainty.degrees_of_freedom import effective_dof
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Source
 
 if TYPE_CHECKING:
     import pandas as pd
 
-
-@dataclass(frozen=True)
-class BudgetRow:
-    """One influence: its standard uncertainty, its sensitivity, and what it adds to the result.
-
-    `contribution` is ``|c u|`` in the result's unit. `percent` is its share of the variance; with
-    correlated inputs the covariance terms are shared equally, and a share may be negative.
-    """
-
-    label: str
-    value: float
-    u: float
-    unit: str
-    dof: float
-    sensitivity: float
-    contribution: float
-    percent: float
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Budget:
-    """A result with its influences, sorted by their share of the variance."""
+    """A result with its uncertainty components, each as its change of the result.
+
+    `correlation` is (n, n) over the components; None where they are independent.
+    """
 
     result: Estimate
-    rows: tuple[BudgetRow, ...]
+    components: tuple[UncertaintyComponent, ...]
+    correlation: Floats | None = None
+
+    def contributions(self) -> dict[Source, float]:
+        """Return what each source contributes in the result's unit, the largest first."""
+        return contributions(self.components)
+
+    def percents(self) -> dict[Source, float]:
+        """Return the share of the variance in percent by source, in the order of `contributions`.
+
+        The covariance of correlated components is shared equally between the two; a share may be negative.
+        """
+        effects = np.array([float(one.effect) for one in self.components])
+        shares = effects**2 if self.correlation is None else effects * (self.correlation @ effects)
+        total = float(shares.sum()) or 1.0
+        percents = dict.fromkeys(self.contributions(), 0.0)
+        for one, share in zip(self.components, shares, strict=True):
+            percents[one.source] += 100 * float(share) / total
+        return percents
 
     def table(self) -> "pd.DataFrame":
-        """Return the rows as a table."""
+        """Return the budget as a table: influence, contribution, share of the variance in percent."""
         import pandas as pd
 
-        return pd.DataFrame([vars(row) for row in self.rows])
+        percents = self.percents()
+        rows = [
+            {"influence": source.text, "contribution": value, "percent": percents[source]}
+            for source, value in self.contributions().items()
+        ]
+        return pd.DataFrame(rows, columns=["influence", "contribution", "percent"])
 
 
-def budget(
-    result: Estimate,
-    inputs: Sequence[Estimate],
-    sensitivities: ArrayLike,
+def combined(
+    value: float,
+    components: Sequence[UncertaintyComponent],
     *,
-    covariance: ArrayLike | None = None,
+    unit: str = "",
+    label: str = "",
+    correlation: ArrayLike | None = None,
+    dof_rule: str = "interpolated",
 ) -> Budget:
-    """Sort the contributions of inputs to a result.
+    """Combine the components of a result: ``u^2 = sum_i sum_j e_i r_ij e_j`` (JCGM 100:2008, eq. 10 and 16).
 
     Parameters
     ----------
-    result
-        The result, with its combined standard uncertainty.
-    inputs
-        n labelled inputs.
-    sensitivities
-        (n,) partial derivatives of the result, unit of the result per unit of the input.
-    covariance
-        (n, n) covariance of the inputs; their own `u`, uncorrelated, when omitted.
+    value, unit, label
+        Of the result.
+    components
+        n components whose effects are numbers in the result's unit.
+    correlation
+        (n, n) correlation coefficients; independent when omitted.
+    dof_rule
+        As for `effective_dof`.
 
     Examples
     --------
-    >>> strip = Estimate(3.0, 0.03, unit="mm", label="strip height")
-    >>> shift = Estimate(3.6, 0.04, unit="mm", label="fringe shift")
-    >>> both = budget(Estimate(6.6, 0.05, unit="mm"), [strip, shift], [1.0, 1.0])
-    >>> [(row.label, round(row.percent)) for row in both.rows]
-    [('fringe shift', 64), ('strip height', 36)]
+    >>> from fringecal.uncertainty.influences import Influence
+    >>> strip = UncertaintyComponent(Influence.STRIP_HEIGHT, 0.03)
+    >>> scatter = UncertaintyComponent(Influence.PHASE_SCATTER, -0.04, dof=10)
+    >>> both = combined(6.6, [strip, scatter], unit="mm", label="height")
+    >>> print(both.result)
+    height = 6.600 mm, u = 0.050 mm, dof 24
+    >>> {source.text: round(percent) for source, percent in both.percents().items()}
+    {'phase scatter': 64, 'strip height': 36}
     """
-    c = np.asarray(sensitivities, float)
-    u = np.array([item.u for item in inputs])
-    matrix = np.diag(u**2) if covariance is None else np.asarray(covariance, float)
-    u = np.sqrt(np.diag(matrix))
-    share = c * (matrix @ c)
-    total = float(share.sum())
-    percent = 100 * share / total if total > 0 else np.zeros_like(c)
-    rows = [
-        BudgetRow(item.label, item.value, float(ui), item.unit, item.dof, float(ci), float(abs(ci) * ui), float(p))
-        for item, ui, ci, p in zip(inputs, u, c, percent, strict=True)
-    ]
-    return Budget(result, tuple(sorted(rows, key=lambda row: -row.percent)))
+    effects = np.array([float(one.effect) for one in components])
+    matrix = np.eye(effects.size) if correlation is None else np.asarray(correlation, float)
+    u = math.sqrt(max(float(effects @ matrix @ effects), 0.0))
+    dofs = [one.dof for one in components]
+    dof = effective_dof(effects, dofs, rule=dof_rule)
+    if correlation is not None:
+        dof = correlated_dof(effects, matrix, dofs, rule=dof_rule)
+    return Budget(
+        Estimate(float(value), u, unit, label, dof), tuple(components), None if correlation is None else matrix
+    )

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 from scipy.special import ndtri, stdtrit  # scipy.stats gives the same and takes ten times as long to load
 
+from fringecal.uncertainty.influences import Influence
+
 COVERAGE = 0.95
 """Coverage probability of every expanded uncertainty that is stated anywhere."""
 
@@ -46,6 +48,8 @@ class Estimate:
         What the number is, as it stands in tables and budgets.
     dof
         Degrees of freedom of `u`; infinite when `u` is taken as exactly known.
+    influence
+        Which influence quantity of other results it is, where it is one.
 
     Examples
     --------
@@ -59,6 +63,7 @@ class Estimate:
     unit: str = ""
     label: str = ""
     dof: float = math.inf
+    influence: Influence | None = None
 
     def expanded(self, coverage: float = COVERAGE) -> Expanded:
         """Expand by the coverage factor for the stated degrees of freedom."""

@@ -1,24 +1,19 @@
 """Propagation of uncertainty by derivatives: first order with full covariance, and what second order adds."""
 
 import math
-import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
-from fringecal.uncertainty.budgets import Budget, budget
-from fringecal.uncertainty.degrees_of_freedom import effective_dof
+from fringecal.uncertainty.budgets import Budget, combined
+from fringecal.uncertainty.components import UncertaintyComponent
 from fringecal.uncertainty.estimates import Estimate
 
 Floats = NDArray[np.float64]
 Model = Callable[[NDArray], ArrayLike]
-
-
-class DofWarning(UserWarning):
-    """Degrees of freedom that no rule covers; a cautious number was taken, and this says so."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +97,7 @@ def propagate(
     """Propagate estimates through a scalar model to first order, and account for each of them.
 
     ``u^2 = c C c^T`` with c the derivatives at the estimates (JCGM 100:2008, eq. 13 and 16).
-    Degrees of freedom: `correlated_dof`.
+    Degrees of freedom: `effective_dof`, `correlated_dof`.
 
     Parameters
     ----------
@@ -124,7 +119,7 @@ def propagate(
     >>> shift = Estimate(3.665, 0.03, unit="mm", label="fringe shift", dof=11)
     >>> strip = Estimate(3.0, 0.005, unit="mm", label="strip height")
     >>> angle = propagate(lambda x: np.degrees(np.arctan2(x[0], x[1])), [shift, strip], unit="deg")
-    >>> round(angle.result.value, 2), round(angle.result.u, 2), angle.rows[0].label
+    >>> round(angle.result.value, 2), round(angle.result.u, 2), next(iter(angle.contributions())).text
     (50.7, 0.23, 'fringe shift')
     """
     x = np.array([item.value for item in inputs])
@@ -132,10 +127,14 @@ def propagate(
     matrix = np.diag(u**2) if covariance is None else _checked(covariance, len(x))
     scale = np.sqrt(np.diag(matrix))
     c = jacobian(model, x, u=scale, method=method) if sensitivities is None else np.asarray(sensitivities, float)
-    u_result = math.sqrt(max(float(c @ matrix @ c), 0.0))
-    dof = correlated_dof(c, matrix, [item.dof for item in inputs], rule=dof_rule)
-    result = Estimate(float(np.asarray(model(x))), u_result, unit=unit, label=label, dof=dof)
-    return budget(result, inputs, c, covariance=matrix)
+    components = [
+        UncertaintyComponent.of(replace(item, u=float(ui)), float(ci))
+        for item, ui, ci in zip(inputs, scale, c, strict=True)
+    ]
+    unit_scale = np.where(scale > 0, scale, 1.0)
+    correlation = None if covariance is None else matrix / np.outer(unit_scale, unit_scale)
+    value = float(np.asarray(model(x)))
+    return combined(value, components, unit=unit, label=label, correlation=correlation, dof_rule=dof_rule)
 
 
 def propagate_covariance(
@@ -153,29 +152,6 @@ def propagate_covariance(
     matrix = _checked(covariance, point.size)
     c = np.atleast_2d(jacobian(model, point, u=np.sqrt(np.diag(matrix)), method=method))
     return np.atleast_1d(np.asarray(model(point), float)), c @ matrix @ c.T
-
-
-def correlated_dof(
-    sensitivities: ArrayLike, covariance: ArrayLike, dof: Sequence[float], *, rule: str = "interpolated"
-) -> float:
-    """Return `effective_dof` of inputs that may be correlated.
-
-    Inputs correlated among themselves and of one and the same dof, as means of repeated simultaneous readings are,
-    count as one contribution. Correlated inputs of different dof are covered by no rule: the smallest is taken for the
-    group, with a `DofWarning`.
-
-    Parameters
-    ----------
-    sensitivities, covariance, dof
-        (n,), (n, n) and (n,) of the inputs.
-    rule
-        "interpolated" or "truncated".
-    """
-    c, matrix = np.asarray(sensitivities, float), np.asarray(covariance, float)
-    groups = _correlated_groups(matrix)
-    variances = [float(c[group] @ matrix[np.ix_(group, group)] @ c[group]) for group in groups]
-    contributions = np.sqrt(np.maximum(variances, 0.0))
-    return effective_dof(contributions, [_group_dof([dof[i] for i in group]) for group in groups], rule=rule)
 
 
 def second_order(model: Model, inputs: Sequence[Estimate], *, covariance: ArrayLike | None = None) -> SecondOrder:
@@ -236,22 +212,3 @@ def _checked(covariance: ArrayLike, size: int) -> Floats:
     if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
         raise ValueError(f"a symmetric covariance of shape ({size}, {size}) is needed, found shape {matrix.shape}")
     return matrix
-
-
-def _correlated_groups(matrix: Floats) -> list[list[int]]:
-    groups: list[list[int]] = []
-    for i in range(len(matrix)):
-        touching = [g for g in groups if any(matrix[i, j] != 0 for j in g)]
-        groups = [g for g in groups if g not in touching] + [[*(j for g in touching for j in g), i]]
-    return groups
-
-
-def _group_dof(dof: Sequence[float]) -> float:
-    if len(set(dof)) > 1:
-        warnings.warn(
-            f"correlated inputs with different degrees of freedom {sorted(dof)}: Welch-Satterthwaite "
-            "does not cover them, the smallest is taken",
-            DofWarning,
-            stacklevel=4,
-        )
-    return min(dof)

@@ -10,7 +10,7 @@ from fringecal.camera.plate.plate_fit import CameraFit, fit_plate_camera
 from fringecal.detect import GridDetection
 from fringecal.errors import FitError
 from fringecal.targets import grid_points_mm
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 
 _DISTORTION = (("k1",), ("k1", "k2"), ("k1", "k2", "p1", "p2"))
 _MUCH_SMALLER = 0.9  # of the residual's rms, where too few crossings are left for an F-test
@@ -77,7 +77,7 @@ def camera_height(fit: CameraFit) -> Estimate:
     """Height of the entrance pupil above the plate, mm, as fitted."""
     place = CAMERA_NAMES.index("height_mm")
     u = float(np.sqrt(fit.camera.covariance[place, place]))
-    return Estimate(fit.camera["height_mm"], u, "mm", "camera height", fit.dof)
+    return Estimate(fit.camera["height_mm"], u, "mm", dof=fit.dof, influence=Influence.CAMERA_HEIGHT)
 
 
 def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:

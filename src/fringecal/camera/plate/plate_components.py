@@ -6,57 +6,63 @@ from numpy.typing import NDArray
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate.plate_problem import LEANING_RAD, Problem, camera_of, lens_of, lens_rows
 from fringecal.camera.plate.plate_solve import Solution
+from fringecal.uncertainty import Influence, UncertaintyComponent
 
 Array = NDArray[np.float64]
 
 _STEP_U = 1e-3  # of a derivative, in standard uncertainties of the parameter: within what is linear
 _LEAST_STEP = 1e-12  # of parameters that are known exactly, in their own units
-_DOUBTS = {"cu_px": "principal point, u", "cv_px": "principal point, v"}
-_LEANING = {"tilt_x_rad": "camera tilt, x", "tilt_y_rad": "camera tilt, y"}
+_STATED = {"cu_px": Influence.PRINCIPAL_POINT_U, "cv_px": Influence.PRINCIPAL_POINT_V}
+_TILTS = {"tilt_x_rad": Influence.CAMERA_TILT_X, "tilt_y_rad": Influence.CAMERA_TILT_Y}
 
 
-def causes_of(problem: Problem, solution: Solution) -> dict[str, Array]:
-    """Return what one standard uncertainty of each stated input does to the camera (Kalman gain times u)."""
+def stated_components(problem: Problem, solution: Solution, dof: float) -> tuple[UncertaintyComponent, ...]:
+    """Return what one standard uncertainty of each stated input does to the camera (Kalman gain times u).
+
+    `dof` are the fit's: the inputs reach the camera through it.
+    """
     free = list(problem.free)
-    rows = {"grid pitch": _unit_row(solution.vector.size, problem.stretch_place) / problem.stretch_u}
+    pitch = _unit_row(solution.vector.size, problem.stretch_place) / problem.stretch_u
+    rows = {Influence.GRID_PITCH: pitch}
     height = CAMERA_NAMES.index("height_mm")
     if problem.height is not None and height in free:
-        rows["camera height"] = _unit_row(solution.vector.size, free.index(height)) / problem.height_u_mm
+        stated = _unit_row(solution.vector.size, free.index(height)) / problem.height_u_mm
+        rows[Influence.CAMERA_HEIGHT] = stated
     for place, u in problem.doubts.items():
-        rows[_DOUBTS[CAMERA_NAMES[free[place]]]] = _unit_row(solution.vector.size, place) / u
-    causes = {}
-    for label, row in rows.items():
-        effect = np.zeros(len(CAMERA_NAMES))
-        effect[free] = (solution.covariance @ row)[: len(free)]
-        causes[label] = effect
-    return causes | _lens_causes(problem, solution)
+        rows[_STATED[CAMERA_NAMES[free[place]]]] = _unit_row(solution.vector.size, place) / u
+    found = [UncertaintyComponent(influence, _effect(row, free, solution), dof) for influence, row in rows.items()]
+    axes = enumerate(_lens_rows(problem, solution), start=1)
+    lens = (UncertaintyComponent(Influence.LENS, _effect(row, free, solution), dof, str(k)) for k, row in axes)
+    return (*found, *lens)
 
 
-def leaning_of(camera: PlateCamera) -> dict[str, Array]:
-    """Return what the lean of parallel rays does to a camera that counts as square on the plate."""
+def tilt_components(camera: PlateCamera, dof: float) -> tuple[UncertaintyComponent, ...]:
+    """Return what the tilt of parallel rays does to a camera that counts as square on the plate."""
     if not camera.telecentric:
-        return {}
+        return ()
     units = np.eye(len(CAMERA_NAMES)) * LEANING_RAD
-    return {label: units[CAMERA_NAMES.index(name)] for name, label in _LEANING.items()}
+    return tuple(
+        UncertaintyComponent(influence, units[CAMERA_NAMES.index(name)], dof) for name, influence in _TILTS.items()
+    )
 
 
-def _lens_causes(problem: Problem, solution: Solution) -> dict[str, Array]:
-    """Effects of the stated lens: one per principal axis of its covariance."""
+def _effect(row: Array, free: list[int], solution: Solution) -> Array:
+    effect = np.zeros(len(CAMERA_NAMES))
+    effect[free] = (solution.covariance @ row)[: len(free)]
+    return effect
+
+
+def _lens_rows(problem: Problem, solution: Solution) -> Array:
+    """Observations of the stated lens: one for each principal axis of its covariance."""
     if problem.lens is None or not problem.lens.covariance.any():
-        return {}
+        return np.zeros((0, solution.vector.size))
     observed, whitening = lens_rows(problem.lens)
     base = lens_of(camera_of(problem, solution.vector))
     steps = np.maximum(_STEP_U * np.sqrt(np.diag(solution.covariance)), _LEAST_STEP)
     columns = [
         (lens_of(camera_of(problem, solution.vector + step)) - base)[observed] / step.sum() for step in np.diag(steps)
     ]
-    free = list(problem.free)
-    causes = {}
-    for number, row in enumerate(whitening @ np.column_stack(columns)):
-        effect = np.zeros(len(CAMERA_NAMES))
-        effect[free] = (solution.covariance @ row)[: len(free)]
-        causes[f"lens {number + 1}"] = effect
-    return causes
+    return np.asarray(whitening @ np.column_stack(columns))
 
 
 def _unit_row(size: int, index: int) -> Array:

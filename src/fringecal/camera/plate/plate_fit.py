@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
-from fringecal.camera.plate.plate_components import causes_of, leaning_of
+from fringecal.camera.plate.plate_components import stated_components, tilt_components
 from fringecal.camera.plate.plate_problem import Problem, bends_of, camera_of, first_guess, misfit_px, prepare
 from fringecal.camera.plate.plate_solve import MIN_CROSSINGS, Solution, solve_robustly
 from fringecal.errors import FitError
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, UncertaintyComponent
 
 Array = NDArray[np.float64]
 
@@ -25,9 +25,9 @@ class CameraFit:
     """A camera fitted to a grid, with the residuals that tell whether to believe it.
 
     `residual_u_px` and `residual_v_px` are observed minus modelled, NaN for rejected crossings; `rms_px` is
-    over both coordinates; `free` names the parameters that the grid or a prior determined. `causes` splits the
-    camera's covariance: one vector per stated input (its effect on all parameters, one standard uncertainty
-    large), and what is left is the scatter of the crossings. `strain` is the sum of squares of how far the sheet's
+    over both coordinates; `free` names the parameters that the grid or a prior determined. `components` splits the
+    camera's covariance: one for each stated input (the effect of one standard uncertainty on all parameters), and
+    what is left is the scatter of the crossings. `strain` is the sum of squares of how far the sheet's
     lines had to bend, in standard uncertainties.
     """
 
@@ -38,7 +38,7 @@ class CameraFit:
     dof: int
     free: tuple[str, ...]
     turn_deg: float
-    causes: dict[str, Array]
+    components: tuple[UncertaintyComponent, ...]
     strain: float = 0.0
 
 
@@ -108,8 +108,9 @@ def fit_plate_camera(
 def _report(problem: Problem, solution: Solution, keep: NDArray[np.bool_]) -> CameraFit:
     free = list(problem.free)
     camera = camera_of(problem, solution.vector)
-    leaning = leaning_of(camera)
-    covariance = sum((np.outer(e, e) for e in leaning.values()), np.zeros((len(CAMERA_NAMES),) * 2))
+    dof = 2 * int(np.count_nonzero(keep)) - solution.vector.size
+    tilt = tilt_components(camera, dof)
+    covariance = sum((np.outer(c.effect, c.effect) for c in tilt), np.zeros((len(CAMERA_NAMES),) * 2))
     covariance[np.ix_(free, free)] += solution.covariance[: len(free), : len(free)]
     du, dv = (np.where(keep, d, np.nan) for d in misfit_px(problem, solution.vector))
     return CameraFit(
@@ -117,9 +118,9 @@ def _report(problem: Problem, solution: Solution, keep: NDArray[np.bool_]) -> Ca
         residual_u_px=du,
         residual_v_px=dv,
         rms_px=math.sqrt(float(np.nanmean(np.concatenate([du, dv]) ** 2))),
-        dof=2 * int(np.count_nonzero(keep)) - solution.vector.size,
+        dof=dof,
         free=tuple(CAMERA_NAMES[i] for i in free),
         turn_deg=math.degrees(solution.vector[len(free)]),
-        causes=causes_of(problem, solution) | leaning,
+        components=(*stated_components(problem, solution, dof), *tilt),
         strain=float(np.sum(bends_of(problem, solution.vector) ** 2)),
     )

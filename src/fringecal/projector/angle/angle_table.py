@@ -1,7 +1,7 @@
 """Table 3.5: the projection angle by columns and by rows, from the fringes' breaks; theory (3.6) beside it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,18 +19,16 @@ from fringecal.projector.angle.projection_angle import (
     theoretical_angle,
 )
 from fringecal.projector.rig_calibration import RigCalibration
-from fringecal.uncertainty import Estimate, effective_dof, en_score
+from fringecal.uncertainty import Estimate, Influence, UncertaintyComponent, combined, en_score
 
 Array = NDArray[np.float64]
 Axis = Literal["u", "v"]
-Effect = tuple[float, float]  # contribution to u, deg, and its degrees of freedom
 
 _MIN_BREAKS = 4  # of a row of the table: three degrees of freedom at least for its scatter
 _PLACES = 9  # columns or rows along strips
 _ENDS_PERCENT = (2, 98)  # of the breaks, between which those lie: the few at either end stand apart
 _SIDE_BY_SIDE = 2.0  # standard deviations of a strip's own breaks that must lie between strips to tabulate at each
 _STRIP_KEY = 1_000_000  # in a break's number: more than a picture has half fringes
-SCATTER = "phase scatter"  # the cause of a calibration's budget that the breaks' own scatter replaces
 
 
 @dataclass(frozen=True)
@@ -79,7 +77,7 @@ def axis_angles(
     Parameters
     ----------
     calibration
-        The rig; its slope brings each break to the line, its causes other than scatter are added to u.
+        The rig; its slope brings each break to the line, its uncertainty but for the scatter of phase is added to u.
     breaks
         The breaks; those that are "off" do not count.
     places_px
@@ -101,12 +99,12 @@ def axis_angles(
     near = [(np.abs(along - place) <= half_width_px) & breaks.used & np.isfinite(reduced) for place in places_px]
     kept = [(float(p), n) for p, n in zip(places_px, near, strict=True) if np.count_nonzero(n) >= _MIN_BREAKS]
     points = [point_on_axis(calibration.camera, place, axis) for place, _ in kept]
-    shared = _shared_effects(calibration, points)
+    shared = _shared_components(calibration, points)
     rows = []
-    for (place, some), point, effects in zip(kept, points, shared, strict=True):
+    for (place, some), point, components in zip(kept, points, shared, strict=True):
         offset = clustered_mean(reduced[some], cluster[some])
         seen = int(np.count_nonzero(some)), float(np.mean(breaks.shift_px[some])), float(np.mean(breaks.shift_mm[some]))
-        row = _Row(place, axis, point, seen, offset, effects)
+        row = _Row(place, axis, point, seen, offset, components)
         rows.append(_tabulated(calibration, row, projector))
     return tuple(rows)
 
@@ -145,7 +143,7 @@ def _places(along_px: Array, strip: NDArray[np.intp]) -> tuple[Array, float]:
 class _Row:
     """What one row is made of: place, point on the line, breaks and mean shifts, offset of the breaks.
 
-    `shared` are the contributions (u in deg, degrees of freedom) of the causes that all breaks share.
+    `shared` are the components of the angle's uncertainty, in deg, that all breaks share.
     """
 
     place_px: float
@@ -153,15 +151,16 @@ class _Row:
     point_mm: tuple[float, float]
     seen: tuple[int, float, float]
     offset: tuple[float, float, float]
-    shared: tuple[Effect, ...]
+    shared: tuple[UncertaintyComponent, ...]
 
 
 def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> ColumnAngle:
     x, y = row.point_mm
     tangent = float(projection_tangent(calibration.model, x, y))
     mean, u, dof = row.offset
-    scatter = math.degrees(u / (1 + tangent**2)), dof
-    angle = _with_causes(math.degrees(math.atan(tangent + mean)), (scatter, *row.shared))
+    scatter = UncertaintyComponent(Influence.BREAK_SCATTER, math.degrees(u / (1 + tangent**2)), dof)
+    measured = math.degrees(math.atan(tangent + mean))
+    angle = combined(measured, (scatter, *row.shared), unit="deg", label="projection angle").result
     apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + mean
     stated = () if projector is None else (calibration.model, projector)
     breaks, shift_px, shift_mm = row.seen
@@ -179,20 +178,18 @@ def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosit
     )
 
 
-def _shared_effects(calibration: RigCalibration, points_mm: list[tuple[float, float]]) -> list[tuple[Effect, ...]]:
-    """Return for each point what the causes that all breaks share contribute to u of its angle."""
+def _shared_components(
+    calibration: RigCalibration, points_mm: list[tuple[float, float]]
+) -> list[tuple[UncertaintyComponent, ...]]:
+    """Return for each point the components of its angle's uncertainty, in deg, that all breaks share.
+
+    The breaks' own scatter stands in the place of the calibration's scatter of phase.
+    """
     x, y = np.array(points_mm).reshape(-1, 2).T
     changes = np.degrees(calibration.changes(lambda c: projection_angle(c.model, x, y)))
-    modes = zip(calibration.modes, changes, strict=True)
-    shared = [(change, mode.dof) for mode, change in modes if mode.label != SCATTER]
-    return [tuple((abs(float(change[i])), dof) for change, dof in shared) for i in range(len(points_mm))]
-
-
-def _with_causes(value_deg: float, effects: tuple[Effect, ...]) -> Estimate:
-    """Join the breaks' own scatter with the causes that all breaks share."""
-    contributions, dof = zip(*effects, strict=True)
-    u = float(np.linalg.norm(contributions))
-    return Estimate(value_deg, u, "deg", "projection angle", effective_dof(contributions, dof))
+    pairs = zip(calibration.components, changes, strict=True)
+    shared = [replace(c, effect=change) for c, change in pairs if c.influence is not Influence.PHASE_SCATTER]
+    return [tuple(replace(c, effect=float(c.effect[i])) for c in shared) for i in range(len(points_mm))]
 
 
 def point_on_axis(camera: PlateCamera, place_px: float, axis: Axis = "u") -> tuple[float, float]:

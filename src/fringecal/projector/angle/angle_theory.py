@@ -98,8 +98,8 @@ def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Disp
     found = _nearest(point, line, stated.value_mm)
     across = np.eye(3) - np.outer(line, line)
     effects = [
-        across @ (_nearest(*projector_line(calibration.shifted(m).model.parameters), stated.value_mm) - found)
-        for m in calibration.modes
+        across @ (_nearest(*projector_line(calibration.shifted(c).model.parameters), stated.value_mm) - found)
+        for c in calibration.components
     ]
     covariance = sum((np.outer(e, e) for e in effects), np.diag(stated.u_mm**2))
     covariance = across @ covariance @ across
@@ -128,7 +128,7 @@ def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition |
     if not np.all(np.isfinite(calibration.model.projector_mm)):
         return ()
     fitted = (
-        calibration.estimate(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}")[0]  # type: ignore[misc]
+        calibration.budget(lambda c, i=i: float(c.model.projector_mm[i]), unit="mm", label=f"projector {axis}").result  # type: ignore[misc]
         for i, axis in enumerate("xyz")
     )
     if stated is None:

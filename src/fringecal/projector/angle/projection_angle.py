@@ -14,7 +14,7 @@ from fringecal.camera import PlateCamera
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import RigModel
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Budget, Estimate
 
 Array = NDArray[np.float64]
 
@@ -75,10 +75,10 @@ def theoretical_angle(
     return Estimate(math.degrees(math.atan(float(tangent))), math.degrees(slope * float(u)), "deg", label)
 
 
-def angle_estimate(
+def angle_budget(
     calibration: RigCalibration, x_mm: float = 0.0, y_mm: float = 0.0, *, apparent: bool = False
-) -> tuple[Estimate, dict[str, float]]:
-    """Return the angle at a plate point in deg with its budget by cause."""
+) -> Budget:
+    """Return the angle at a plate point in deg, with its budget."""
 
     def angle(c: RigCalibration) -> float:
         if apparent:
@@ -86,7 +86,7 @@ def angle_estimate(
         return math.degrees(float(projection_angle(c.model, x_mm, y_mm)))
 
     label = "apparent projection angle" if apparent else "projection angle"
-    return calibration.estimate(angle, unit="deg", label=label)
+    return calibration.budget(angle, unit="deg", label=label)
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class OriginAngles:
     """The angles at the plate's origin, deg; the budget is the true angle's, theory None without a stated position."""
 
     angle: Estimate
-    budget: dict[str, float]
+    budget: Budget
     apparent: Estimate
     theory: Estimate | None
 
@@ -122,9 +122,9 @@ class OriginAngles:
 
 def angles_at_origin(calibration: RigCalibration, stated: ProjectorPosition | None) -> OriginAngles:
     """Return measured, apparent and theoretical angle at the plate's origin."""
-    angle, budget = angle_estimate(calibration)
+    angle = angle_budget(calibration)
     theory = None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0)
-    return OriginAngles(angle, budget, angle_estimate(calibration, apparent=True)[0], theory)
+    return OriginAngles(angle.result, angle, angle_budget(calibration, apparent=True).result, theory)
 
 
 def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Array, Array]:

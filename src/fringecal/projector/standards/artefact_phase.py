@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from fringecal.errors import FitError
 from fringecal.numerics import wrap
-from fringecal.projector.rig_calibration import HeightDoubt, Observations, RigCalibration
+from fringecal.projector.rig_calibration import Observations, RigCalibration
 from fringecal.projector.sampling import pick_points
 from fringecal.projector.standards.placing import NEAR_RAD, ArtefactPlace, place_artefact
 from fringecal.projector.standards.strip_phase import StripPhase, numberings
 from fringecal.projector.standards.target_facets import Facet, facets_of
 from fringecal.targets import Target
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence, UncertaintyComponent
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ def observe_artefact(
         try:
             z = _height_map(facet, place, calibration)
             seen = _observed(facet.height, z, wrapped_rad, valid, calibration)
-            used.append(replace(seen, doubts=(_doubts(facet, place, seen),)))
+            used.append(replace(seen, components=(_of_slope(facet, place, seen),)))
         except FitError as error:
             left_out.append(f"{facet.height.label} {facet.height.value:g} mm left out: {error}")
     return ArtefactPhase(place, _joined(used), tuple(left_out))
@@ -125,7 +125,7 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
 
 
 def _merged(parts: Sequence[Observations]) -> Observations:
-    """Make one surface of several that share one height and its doubt."""
+    """Make one surface of several that share one height and its uncertainty."""
     columns = (np.concatenate([getattr(p, n)[0] for p in parts]) for n in ("u_px", "v_px", "phase_rad", "cluster"))
     u, v, phase, cluster = columns
     return Observations((u,), (v,), (phase,), (cluster,), (parts[0].height_mm[0],))
@@ -189,14 +189,15 @@ def _prediction_u(calibration: RigCalibration, u_px: Array, v_px: Array, z_mm: A
         return c.model.phase(*c.camera.rays(u, v).at(z), z)
 
     base = predicted(calibration)
-    variance = sum(((predicted(calibration.shifted(mode)) - base) ** 2 for mode in calibration.modes), np.zeros(u.size))
+    moved = (predicted(calibration.shifted(component)) for component in calibration.components)
+    variance = sum(((phase - base) ** 2 for phase in moved), np.zeros(u.size))
     return float(np.sqrt(np.max(variance, initial=0.0)))
 
 
-def _doubts(facet: Facet, place: ArtefactPlace, seen: Observations) -> tuple[HeightDoubt, ...]:
+def _of_slope(facet: Facet, place: ArtefactPlace, seen: Observations) -> tuple[UncertaintyComponent, ...]:
     """Return what angle and place of a slope do to its height."""
     if not facet.slope:
         return ()
     across = seen.relief_mm[0] / facet.slope + facet.middle_mm
-    tilt = HeightDoubt("wedge angle", facet.u_slope * (across - facet.low_mm))
-    return (tilt, HeightDoubt("wedge position", abs(facet.slope) * place.u_mm))
+    tilt = UncertaintyComponent(Influence.WEDGE_ANGLE, facet.u_slope * (across - facet.low_mm))
+    return (tilt, UncertaintyComponent(Influence.WEDGE_POSITION, abs(facet.slope) * place.u_mm))

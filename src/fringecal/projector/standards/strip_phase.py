@@ -12,7 +12,7 @@ from fringecal.errors import DetectionError, FitError
 from fringecal.numerics import wrap
 from fringecal.phase import PhaseMap, unwrap
 from fringecal.targets import Strips
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
 
 def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> StripPhase:
     """Find the strips in a map of the wrapped phase that they add to the plate's (see `measure_strips`)."""
-    heights = tuple(target.height_mm.estimate("strip height", "mm", item=i) for i in range(target.count))
+    heights = tuple(target.height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=i) for i in range(target.count))
     scale = camera.scale("mean").value
     regions = find_strips(
         step,

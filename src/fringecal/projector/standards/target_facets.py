@@ -1,14 +1,14 @@
 """Artefacts as rectangles of known height: what of a target a joint fit can use."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import singledispatch
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.targets import Box, Flat, Steps, Target, Wedge, step_edges_of
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 
 Array = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Facet:
 
     def _slice(self, low: float, high: float) -> "Facet":
         rise = self.slope * ((low + high) / 2 - self.middle_mm) if self.slope else 0.0
-        height = Estimate(self.height.value + rise, self.height.u, "mm", self.height.label, self.height.dof)
+        height = replace(self.height, value=self.height.value + rise)
         return Facet(low, high, self.half_length_mm, height)
 
 
@@ -71,7 +71,7 @@ def facets_of(target: Target) -> tuple[Facet, ...]:
 def _(target: Steps) -> tuple[Facet, ...]:
     half = target.length_mm.value / 2
     return tuple(
-        Facet(float(low), float(high), half, target.heights_mm.estimate("step height", "mm", item=i))
+        Facet(float(low), float(high), half, target.heights_mm.estimate(Influence.STEP_HEIGHT, "mm", item=i))
         for i, (low, high) in enumerate(step_edges_of(target))
     )
 
@@ -79,20 +79,20 @@ def _(target: Steps) -> tuple[Facet, ...]:
 @facets_of.register
 def _(target: Box) -> tuple[Facet, ...]:
     half = target.width_mm.value / 2
-    return (Facet(-half, half, target.length_mm.value / 2, target.height_mm.estimate("box height", "mm")),)
+    return (Facet(-half, half, target.length_mm.value / 2, target.height_mm.estimate(Influence.BOX_HEIGHT, "mm")),)
 
 
 @facets_of.register
 def _(target: Flat) -> tuple[Facet, ...]:
-    """Give a raised plate; what it may be off flat counts as doubt of its height."""
+    """Give a raised plate; what it may be off flat adds to the uncertainty of its height."""
     if target.height_mm is None:
         return ()
-    stated = target.height_mm.estimate("flat height", "mm")
+    stated = target.height_mm.estimate(Influence.FLAT_HEIGHT, "mm")
     flat = target.flatness_mm
     u = math.hypot(stated.u, flat.us[0], flat.value / math.sqrt(3))
     half = target.width_mm.value / 2 if target.width_mm else math.inf
     along = target.length_mm.value / 2 if target.length_mm else math.inf
-    return (Facet(-half, half, along, Estimate(stated.value, u, "mm", stated.label, stated.dof)),)
+    return (Facet(-half, half, along, replace(stated, u=u)),)
 
 
 @facets_of.register

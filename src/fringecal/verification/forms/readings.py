@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.uncertainty import Budget, Influence, UncertaintyComponent, combined
 from fringecal.verification.forms.probes import Numbers, Probe
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
 
-ByCause = Callable[[Floats, Floats, Floats], Iterable[tuple[str, Floats]]]
+ByComponent = Callable[[Floats, Floats, Floats], Iterable[tuple[UncertaintyComponent, Floats]]]
 
-_MOST = 6000  # points of a group that are moved by each cause: a smooth change needs no more
+_MOST = 6000  # points of a group that are moved by each component: a smooth change needs no more
 _BLOCKS_ACROSS, _BLOCKS_ALONG = 4, 6
 _BLOCKS = _BLOCKS_ACROSS * _BLOCKS_ALONG  # of the picture, left out in turn; neighbours share their errors
 
@@ -34,7 +35,7 @@ class Reading:
         Standard uncertainty of the measured value: the calibration's, and the scatter between parts of the picture;
         None for a form error, which contains the noise by definition.
     budget
-        Contributions to `u_measured` by cause.
+        The components of `u_measured`; None for a form error.
     points
         Number of points.
     """
@@ -46,7 +47,7 @@ class Reading:
     u_reference: float
     u_measured: float | None
     points: int
-    budget: dict[str, float] = field(default_factory=dict)
+    budget: Budget | None = None
 
     @property
     def error(self) -> float | None:
@@ -62,7 +63,7 @@ class Reading:
         return self.error / (2 * u) if u > 0 else None
 
 
-def take_readings(probe: Probe, surface: Surface, by_cause: ByCause) -> tuple[Reading, ...]:
+def take_readings(probe: Probe, surface: Surface, by_component: ByComponent) -> tuple[Reading, ...]:
     """Evaluate a probe on a surface.
 
     Parameters
@@ -71,35 +72,35 @@ def take_readings(probe: Probe, surface: Surface, by_cause: ByCause) -> tuple[Re
         Pixels and numbers of the artefact.
     surface
         The height map that it was found in.
-    by_cause
-        `by_cause(u_px, v_px, z_mm)` yields a label and moved points (n, 3) for every cause of the calibration's
-        uncertainty; see `fringecal.reconstruct.perturbed.points_by_cause`.
+    by_component
+        `by_component(u_px, v_px, z_mm)` yields every component of the calibration's uncertainty and the moved points
+        (n, 3); see `fringecal.reconstruct.perturbed.points_by_component`.
     """
     cloud = np.stack([np.asarray(m, float) for m in (surface.x, surface.y, surface.z)], axis=-1).reshape(-1, 3)
     width = np.shape(surface.z)[1]
     measured = probe.numbers([cloud[group] for group in probe.groups])
     thin = [_thinned(group) for group in probe.groups]
     base = probe.numbers([cloud[group] for group in thin])
-    changes = _changes(probe, thin, cloud, width, base, by_cause)
+    changes = _changes(probe, thin, cloud, width, base, by_component)
     scatter = _jackknife(probe, thin, cloud, width)
     points = sum(group.size for group in probe.groups)
     readings = []
     for name, value in measured.items():
         reference = probe.references.get(name)
-        budget = {label: change[name] for label, change in changes.items()} | {
-            "scatter over the artefact": scatter[name]
-        }
-        stated = None if name in probe.forms else math.sqrt(sum(c**2 for c in budget.values()))
+        unit = probe.units.get(name, "mm")
+        components = [replace(component, effect=change[name]) for component, change in changes]
+        own = UncertaintyComponent(Influence.ARTEFACT_SCATTER, scatter[name], _BLOCKS - 1)
+        budget = None if name in probe.forms else combined(value, [*components, own], unit=unit, label=name)
         readings.append(
             Reading(
                 name=name,
-                unit=probe.units.get(name, "mm"),
+                unit=unit,
                 measured=value,
                 reference=None if reference is None else reference.value,
                 u_reference=0.0 if reference is None else reference.u,
-                u_measured=stated,
+                u_measured=None if budget is None else budget.result.u,
                 points=points,
-                budget={} if stated is None else budget,
+                budget=budget,
             )
         )
     return tuple(readings)
@@ -118,18 +119,16 @@ def _thinned(group: NDArray[np.intp]) -> NDArray[np.intp]:
 
 
 def _changes(  # noqa: PLR0913, PLR0917 -- private: what moves, and where
-    probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, width: int, base: Numbers, by_cause: ByCause
-) -> dict[str, Numbers]:
-    """Change of every number under each cause; several modes of one cause add in quadrature."""
+    probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, width: int, base: Numbers, by_component: ByComponent
+) -> list[tuple[UncertaintyComponent, Numbers]]:
+    """Change of every number under each component of the calibration's uncertainty."""
     every = np.concatenate(groups)
     cuts = np.cumsum([group.size for group in groups])[:-1]
-    changes: dict[str, Numbers] = {}
-    for label, moved in by_cause((every % width).astype(float), (every // width).astype(float), cloud[every, 2]):
-        found = probe.numbers(np.split(moved, cuts))
-        known = changes.setdefault(label, dict.fromkeys(base, 0.0))
-        for name, value in found.items():
-            known[name] = math.hypot(known[name], value - base[name])
-    return changes
+    pixels = (every % width).astype(float), (every // width).astype(float)
+    return [
+        (component, {name: value - base[name] for name, value in probe.numbers(np.split(moved, cuts)).items()})
+        for component, moved in by_component(*pixels, cloud[every, 2])
+    ]
 
 
 def _jackknife(probe: Probe, groups: list[NDArray[np.intp]], cloud: Floats, width: int) -> Numbers:

@@ -56,7 +56,7 @@ def _rig_section(found: AngleFindings) -> Section:
     low, high = field["angle_deg"].min(), field["angle_deg"].max()
     alt = f"Lines of equal projection angle over the plate, {low:.1f} to {high:.1f} deg, and the breaks' places."
     item = FigureItem("Projection angle over the field", figure, alt)
-    budget = budget_table("Budget of the projection angle", found.budget, "deg")
+    budget = budget_table("Budget of the projection angle", found.budget)
     return Section(
         "Rig", (found.sentences[-1],), (table, budget), (item, *rig_figure(found.session, found.calibration))
     )

@@ -1,4 +1,4 @@
-"""How well an audit knows each change: today's scatter, the calibration's own doubt, and what two sessions share."""
+"""How well an audit knows each change: today's scatter, the calibration's uncertainty, and what two sessions share."""
 
 import math
 from dataclasses import replace
@@ -11,6 +11,7 @@ from fringecal.calibration import SURFACE_POINTS
 from fringecal.camera import CAMERA_NAMES
 from fringecal.projector import RigCalibration
 from fringecal.records import AppearanceRecord
+from fringecal.uncertainty import Influence
 from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, Layout, camera_quantities
 from fringecal.workflows.audit.observed import GridToday, PlateToday, StripsToday, base_state
 
@@ -25,7 +26,18 @@ _U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 
 _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
 _U_LIGHT_LEAST = 0.002  # what no number of repeats within minutes says of the next month
 _ENOUGH_REPEATS = 4  # from so many on, their scatter has a standard deviation at all (JCGM 101:2008, 6.4.9.4)
-_OF_THE_CAMERA = ("grid pitch", "camera height", "principal point", "camera tilt", "lens")  # the same in both sessions
+#: What is the same in both sessions, and so falls out of their comparison.
+_OF_THE_CAMERA = frozenset(
+    {
+        Influence.GRID_PITCH,
+        Influence.CAMERA_HEIGHT,
+        Influence.PRINCIPAL_POINT_U,
+        Influence.PRINCIPAL_POINT_V,
+        Influence.CAMERA_TILT_X,
+        Influence.CAMERA_TILT_Y,
+        Influence.LENS,
+    }
+)
 
 
 def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observed, u_contrast: float) -> Array:
@@ -43,7 +55,7 @@ def covariance_of(layout: Layout, calibration: RigCalibration, observed: Observe
         total[parts["plate"], parts["plate"]] += _plate_scatter(plate, calibration)[1:, 1:]
     for today, part in zip(strips, layout.strip_parts, strict=True):
         total[part, part] += _scatter(today.tops.blocks, STRIPS_DEGREE)
-    total += _calibration_doubt(layout, calibration, observed)
+    total += _calibration_part(layout, calibration, observed)
     floors = {"blur": _U_BLUR_PX, "contrast": u_contrast, **_FLOOR_RAD}
     for name, floor in floors.items():
         total[parts[name], parts[name]] += floor**2 * np.eye(parts[name].stop - parts[name].start)
@@ -77,7 +89,7 @@ def _plate_scatter(plate: PlateToday, calibration: RigCalibration) -> Array:
 def _camera_scatter(grid: GridToday) -> Array:
     """Covariance of the camera's quantities: today's crossings, and the pitch where it is another sheet's."""
     camera = grid.fit.camera
-    shared = [e for label, e in grid.fit.causes.items() if not (label == "grid pitch" and not grid.same_sheet)]
+    shared = [c.effect for c in grid.fit.components if c.influence is not Influence.GRID_PITCH or grid.same_sheet]
     covariance = camera.covariance - sum((np.outer(e, e) for e in shared), np.zeros_like(camera.covariance))
     base = camera_quantities(camera)
     spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
@@ -88,11 +100,11 @@ def _camera_scatter(grid: GridToday) -> Array:
     return slopes @ covariance @ slopes.T
 
 
-def _calibration_doubt(layout: Layout, calibration: RigCalibration, observed: Observed) -> Array:
-    """Covariance of what the calibration predicts, from every cause that does not fall out of the comparison.
+def _calibration_part(layout: Layout, calibration: RigCalibration, observed: Observed) -> Array:
+    """Covariance of what the calibration predicts, from every influence that does not fall out of the comparison.
 
-    Each cause's effect is what an unchanged rig would show today if the cause were one standard uncertainty off: the
-    rig as it then is, less the rig as it was calibrated.
+    Its effect is what an unchanged rig would show today if the influence were one standard uncertainty off: the rig as
+    it then is, less the rig as it was calibrated.
     """
     grid, _, strips = observed
     base = base_state(calibration)
@@ -101,26 +113,30 @@ def _calibration_doubt(layout: Layout, calibration: RigCalibration, observed: Ob
     same = {number: scales[number] for number, one in enumerate(strips) if one.same_strips}
     others = {number: scales[number] for number in scales if number not in same}
     effects = [layout.predict(replace(base, set_scales=others)) - start]
-    labels = [mode.label for mode in calibration.modes]
-    for mode in calibration.modes:
-        if mode.label.startswith(_OF_THE_CAMERA) and (mode.label != "grid pitch" or grid is None or grid.same_sheet):
+    another_sheet = grid is not None and not grid.same_sheet
+    alone = [component.influence for component in calibration.components].count(Influence.STRIP_HEIGHT) == 1
+    for component in calibration.components:
+        influence = component.influence
+        if influence in _OF_THE_CAMERA and not (influence is Influence.GRID_PITCH and another_sheet):
             continue
-        state = base_state(calibration.shifted(mode))
-        if mode.label == "strip height":  # the same strips lie there today, as far from what is stated as they were
+        state = base_state(calibration.shifted(component))
+        if influence is Influence.STRIP_HEIGHT:  # the same strips lie there today, as far off what is stated as then
             state = replace(state, set_scales=same)
         effect = layout.predict(state) - start
-        for part in _cancelled(mode.label, layout, strips, alone=labels.count("strip height") == 1):
+        for part in _cancelled(influence, layout, strips, alone=alone):
             effect[part] = 0.0
         effects.append(effect)
     return sum((np.outer(effect, effect) for effect in effects), np.zeros((start.size, start.size)))
 
 
-def _cancelled(label: str, layout: Layout, strips: tuple[StripsToday, ...], *, alone: bool) -> tuple[slice, ...]:
-    """Return the parts of the vector in which a cause falls out, where its effect does not show that by itself."""
-    if label == "strip height" and not alone:  # of strips of several heights, whose modes do not say which is whose
+def _cancelled(
+    influence: Influence, layout: Layout, strips: tuple[StripsToday, ...], *, alone: bool
+) -> tuple[slice, ...]:
+    """Return the parts of the vector in which an influence falls out, where its effect does not show that by itself."""
+    if influence is Influence.STRIP_HEIGHT and not alone:  # of several heights: components do not say which is whose
         return tuple(part for part, one in zip(layout.strip_parts, strips, strict=True) if one.same_strips)
     # What scatter does to the seven numbers, the plate's residual undoes where both were measured: on the plate.
-    return (layout.parts["plate"],) if label == "phase scatter" else ()
+    return (layout.parts["plate"],) if influence is Influence.PHASE_SCATTER else ()
 
 
 def light_doubt(name: Literal["modulation", "contrast"], *looks: AppearanceRecord) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special, stats
 
-from fringecal.projector import RigCalibration, angle_estimate
+from fringecal.projector import RigCalibration, angle_budget
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
 from fringecal.workflows.audit.change_covariance import light_doubt
@@ -202,7 +202,7 @@ def _form(calibration: RigCalibration, plate: PlateToday) -> Estimate:
 
 def _strips(found: Audit, limits: Limits) -> Iterator[Change]:
     """Return the change of the strips' height as the calibration in force reads it, and of the angle it stands for."""
-    angle = math.radians(angle_estimate(found.calibration)[0].value)
+    angle = math.radians(angle_budget(found.calibration).result.value)
     per_percent = math.degrees(math.sin(angle) * math.cos(angle)) / 100
     for strips, part in zip(found.strips, found.layout.strip_parts, strict=True):
         scale = _height_scale(found, strips, part)

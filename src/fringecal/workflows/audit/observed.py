@@ -14,7 +14,7 @@ from fringecal.phase import unwrap
 from fringecal.projector import RigCalibration, RigState, StripPhase, measure_strips, numberings
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid, Strips
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.audit.layout import Blocks, StripBlocks, block_means, strip_step
 from fringecal.workflows.lens import known_lens
 from fringecal.workflows.shared import CapturePhase, phase_of_capture, within_border
@@ -84,11 +84,13 @@ def grid_today(session: Session, capture: Capture, calibration: RigCalibration, 
     detection = find_grid(capture.read()[0], polarity=target.polarity)
     camera = calibration.camera
     place = CAMERA_NAMES.index("height_mm")
-    height = Estimate(camera["height_mm"], float(np.sqrt(camera.covariance[place, place])), "mm", "camera height")
+    height = Estimate(
+        camera["height_mm"], float(np.sqrt(camera.covariance[place, place])), "mm", influence=Influence.CAMERA_HEIGHT
+    )
     known = known_lens(session)
     fit = fit_grid_camera(
         detection,
-        target.pitch_mm.estimate("grid pitch", "mm"),
+        target.pitch_mm.estimate(Influence.GRID_PITCH, "mm"),
         height_mm=None if camera.telecentric else height,
         telecentric=camera.telecentric,
         lens=None if known is None else known.lens,

@@ -37,7 +37,7 @@ def _forecast_table(advice: Advice) -> Table:
             "u over the field / mm": f.rms_mm,
             "least / mm": float(f.u_mm.min()),
             "largest / mm": float(f.u_mm.max()),
-            **{f"{label} / mm": value for label, value in f.causes().items()},
+            **{f"{source.text} / mm": value for source, value in f.contributions_mm().items()},
         }
         for f in advice.forecasts
     ]
@@ -74,7 +74,7 @@ def _further_tables(result: Calibrated) -> tuple[Table, ...]:
 
 
 def _figures(advice: Advice) -> tuple[FigureItem, ...]:
-    causes = {f.z_mm: f.causes() for f in advice.forecasts}
+    causes = {f.z_mm: {s.text: u for s, u in f.contributions_mm().items()} for f in advice.forecasts}
     middle = advice.forecasts[len(advice.forecasts) // 2]
     field = field_uncertainty(middle.u_px, middle.v_px, middle.u_mm, title=f"height of {middle.z_mm:g} mm")
     live = Live(_readable(middle.u_px, middle.v_px, middle.u_mm))

@@ -22,7 +22,7 @@ from fringecal.projector import (
     runs_along_rows,
 )
 from fringecal.session import Session
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Budget, Estimate
 from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.camera import CameraFindings
 from fringecal.workflows.shared import displaced, projector_of
@@ -66,7 +66,7 @@ class AngleFindings:
     rows: tuple[ColumnAngle, ...]
     angle: Estimate
     apparent: Estimate
-    budget: dict[str, float]
+    budget: Budget
     theory: Estimate | None
     order: OrderDecision
     displacement: Displacement | None

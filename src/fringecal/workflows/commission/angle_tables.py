@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from fringecal.calibration import Calibrated
 from fringecal.projector import OFF, ColumnAngle, RigCalibration
 from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
+from fringecal.uncertainty import Influence
 from fringecal.workflows.commission.angle_findings import AngleFindings
 from fringecal.workflows.shared import budget_table, field_mm
 
@@ -127,8 +128,8 @@ def _by_strip(found: AngleFindings) -> Table:
 
 def budgets_section(result: Calibrated) -> Section:
     """Say what the uncertainties of angle, scale and heights are made of."""
-    angle = budget_table("Budget of the projection angle", result.origin.budget, "deg")
-    scale = budget_table("Budget of the mean scale", result.camera.scale_budget, "mm/px")
+    angle = budget_table("Budget of the projection angle", result.origin.budget)
+    scale = budget_table("Budget of the mean scale", result.camera.scale_budget)
     first = angle.frame.iloc[0]
     figure = budget_bars(
         list(angle.frame["influence"]),
@@ -142,7 +143,7 @@ def budgets_section(result: Calibrated) -> Section:
 
 
 def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
-    """Tabulate what a height will be known to: by cause, at centre and corner, for three heights.
+    """Tabulate what a height will be known to: by influence, at centre and corner, for three heights.
 
     Parameters
     ----------
@@ -174,14 +175,16 @@ def _heights(calibration: RigCalibration) -> tuple[float, ...]:
 def _height_budget(
     calibration: RigCalibration, pixel: tuple[float, float], height_mm: float, noise_rad: float
 ) -> dict[str, float]:
-    """Contributions to u of one pixel's height by cause, mm, and all of them together."""
+    """Contributions to u of one pixel's height by influence, mm, and all of them together."""
     rays = calibration.camera.rays(*pixel)
     phase = calibration.model.phase(*rays.at(height_mm), height_mm)
 
     def height(rig: RigCalibration, more_rad: float = 0.0) -> float:
         return float(rig.model.height(phase + more_rad, rig.camera.rays(*pixel)))
 
-    estimate, budget = calibration.estimate(height, unit="mm", label="height")
+    found = calibration.budget(height, unit="mm", label="height")
     single = math.hypot(noise_rad, calibration.excess_rad)
-    scatter = abs(height(calibration, single) - estimate.value)
-    return {"combined": math.hypot(estimate.u, scatter)} | budget | {"phase of one pixel": scatter}
+    scatter = abs(height(calibration, single) - found.result.value)
+    sources = dict.fromkeys(component.source for component in calibration.components)
+    parts = {source.text: found.contributions()[source] for source in sources}
+    return {"combined": math.hypot(found.result.u, scatter)} | parts | {Influence.PIXEL_PHASE.text: scatter}

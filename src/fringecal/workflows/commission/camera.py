@@ -5,6 +5,7 @@ from fringecal.detect import find_grid
 from fringecal.errors import DetectionError, SessionError
 from fringecal.session import Session
 from fringecal.targets import LineGrid
+from fringecal.uncertainty import Influence
 from fringecal.workflows.lens import known_lens
 
 
@@ -25,7 +26,9 @@ def measure_camera(session: Session) -> CameraFindings:
         detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
     except DetectionError as error:
         raise DetectionError(f"capture {capture.name!r} ({capture.paths[0].name}): {error}") from error
-    return camera_from_grid(detection, capture.target.pitch_mm.estimate("grid pitch", "mm"), camera_knowledge(session))
+    return camera_from_grid(
+        detection, capture.target.pitch_mm.estimate(Influence.GRID_PITCH, "mm"), camera_knowledge(session)
+    )
 
 
 def camera_knowledge(session: Session) -> CameraKnowledge:
@@ -37,5 +40,5 @@ def camera_knowledge(session: Session) -> CameraKnowledge:
         As `fringecal.workflows.lens.known_lens`.
     """
     stated = session.camera
-    height = None if stated.height_mm is None else stated.height_mm.estimate("camera height", "mm")
+    height = None if stated.height_mm is None else stated.height_mm.estimate(Influence.CAMERA_HEIGHT, "mm")
     return CameraKnowledge(height, stated.telecentric, known_lens(session))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from fringecal.calibration import CONTRADICTS, Calibrated
 from fringecal.projector import LAMP_CHANCE
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.shared import judged_below, rms_estimate
 from fringecal.workflows.verify import verified_checks
 
@@ -43,13 +43,14 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
     ]
     stated = found.calibrated.session.camera.height_mm
     if camera.height_seen is not None and stated is not None:
-        checks.append(pitch_check(camera.height_seen, stated.estimate("camera height", "mm"), most=own.height_en))
+        height = stated.estimate(Influence.CAMERA_HEIGHT, "mm")
+        checks.append(pitch_check(camera.height_seen, height, most=own.height_en))
     if camera.assumed_height is not None:
         assumed = camera.assumed_height
         rule = "not stated: a usual lens is assumed, within 60 %; state camera.height_mm"
         checks.append(
             Check(
-                name="camera height",
+                name=Influence.CAMERA_HEIGHT.value,
                 value=assumed.value,
                 u=assumed.u,
                 expanded=assumed.expanded().U,

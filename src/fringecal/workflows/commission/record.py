@@ -82,7 +82,7 @@ def _advice_record(advice: Advice) -> record.AdviceRecord:
                 u_mm=f.rms_mm,
                 u_least_mm=float(f.u_mm.min()),
                 u_largest_mm=float(f.u_mm.max()),
-                causes_mm=f.causes(),
+                causes_mm={source.identifier: u_mm for source, u_mm in f.contributions_mm().items()},
             )
             for f in advice.forecasts
         ),
@@ -206,7 +206,8 @@ def _rig_record(found: Calibrated) -> record.RigRecord:
         projector_u_mm=_projector_u(found),
         excess_rad=calibration.excess_rad,
         modes=tuple(
-            record.ModeRecord(label=m.label, effect=tuple(map(float, m.effect)), dof=m.dof) for m in calibration.modes
+            record.ModeRecord(label=c.source.identifier, effect=tuple(map(float, c.effect)), dof=c.dof)
+            for c in calibration.components
         ),
     )
 

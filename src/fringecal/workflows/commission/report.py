@@ -103,7 +103,7 @@ def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
 
 def _facts(found: Calibrated) -> tuple[Fact, ...]:
     camera, lens = found.rig.camera, found.camera.distortion
-    pitch, _ = found.rig.estimate(lambda c: float(fringe_pitch_mm(c.model)), unit="mm", label="pitch")
+    pitch = found.rig.budget(lambda c: float(fringe_pitch_mm(c.model)), unit="mm", label="pitch").result
     facts = [
         Fact("Mean scale", concise(found.camera.scales["mean"]), "at the image centre"),
         Fact("Projection angle", concise(found.origin.angle), "from the plate's normal, across the local fringe"),

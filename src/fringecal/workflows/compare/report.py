@@ -21,8 +21,8 @@ from fringecal.report import (
     change_bars,
     rig_drawing,
 )
-from fringecal.uncertainty import doubt_text, value_text
-from fringecal.workflows.compare.run import COVERAGE, Compared, compare_calibrations, shared_causes
+from fringecal.uncertainty import Influence, doubt_text, value_text
+from fringecal.workflows.compare.run import COVERAGE, Compared, compare_calibrations, shared_influences
 from fringecal.workflows.shared import calibration_of, field_mm
 
 _NOTE = "U: expanded uncertainties, k = 2; U(difference) leaves out what both share; En = difference / U(difference)"
@@ -52,7 +52,7 @@ def comparison_report(
         subtitle=f"First: {_named(first)}; second: {_named(second)}",
         verdict=_verdict(compared),
         facts=_facts(compared),
-        sections=(_differences(compared, shared_causes(first, second)), _rigs(first, second)),
+        sections=(_differences(compared, shared_influences(first, second)), _rigs(first, second)),
         versions=software_versions(),
         created=created,
     )
@@ -86,7 +86,7 @@ def _facts(compared: Sequence[Compared]) -> tuple[Fact, ...]:
     )
 
 
-def _differences(compared: Sequence[Compared], shared: Sequence[str]) -> Section:
+def _differences(compared: Sequence[Compared], shared: Sequence[Influence]) -> Section:
     frame = pd.DataFrame(
         {
             "quantity": [c.name for c in compared],
@@ -126,12 +126,13 @@ def _decision(compared: Compared) -> Decision:
     return "pass" if compared.agrees else "fail"
 
 
-def _shared_sentence(shared: Sequence[str]) -> str:
+def _shared_sentence(shared: Sequence[Influence]) -> str:
     if not shared:
         return "No artefact is the same in both: all uncertainties count as independent."
+    named = " and ".join(influence.text for influence in shared)
     return (
-        f"Both were made with the same artefacts, so that {' and '.join(shared)} cannot explain a difference; all "
-        "other causes count as independent."
+        f"Both were made with the same artefacts, so that {named} cannot explain a difference; all "
+        "other influences count as independent."
     )
 
 

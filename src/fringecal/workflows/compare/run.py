@@ -11,7 +11,7 @@ from fringecal.camera import local_scale
 from fringecal.errors import RecordError
 from fringecal.projector import RigCalibration, apparent_angle, fringe_pitch_mm, projection_angle, seen_axes
 from fringecal.records import CalibrationRecord
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.shared import calibration_of
 
 Array = NDArray[np.float64]
@@ -19,7 +19,7 @@ Quantity = Callable[[RigCalibration], float]
 
 COVERAGE = 2.0  # k of the expanded uncertainties
 # Kinds of artefact whose error is the same in both calibrations where both used one and the same.
-_SHARED = {"grid pitch": ("line-grid",), "strip height": ("strips",)}
+_SHARED = {Influence.GRID_PITCH: ("line-grid",), Influence.STRIP_HEIGHT: ("strips",)}
 # Fractions of the picture's width and height at which heights are compared.
 _PLACES = {
     "centre": (0.5, 0.5),
@@ -54,7 +54,7 @@ class Compared:
 def compare_calibrations(first: CalibrationRecord, second: CalibrationRecord) -> tuple[Compared, ...]:
     """Compare two calibrations of one rig.
 
-    Every cause of doubt moves a quantity q by c_k per standard uncertainty. Causes that both share (grid pitch, strip
+    Every influence moves a quantity q by c_k per standard uncertainty. Influences that both share (grid pitch, strip
     height, where both used the same artefact) move both together; the others do not:
     ``u(d)^2 = sum_shared (c2_k - c1_k)^2 + sum_others (c1_k^2 + c2_k^2)`` (JCGM 100:2008, 5.2.2, correlation 1 or 0).
 
@@ -69,18 +69,18 @@ def compare_calibrations(first: CalibrationRecord, second: CalibrationRecord) ->
         The records are of different rigs or pictures, or hold what this version does not know.
     """
     _demand_one_rig(first, second)
-    shared = shared_causes(first, second)
+    shared = shared_influences(first, second)
     before, after = calibration_of(first), calibration_of(second)
     return tuple(
         _compared(name, unit, quantity, (before, after), shared) for name, unit, quantity in _quantities(before, after)
     )
 
 
-def shared_causes(first: CalibrationRecord, second: CalibrationRecord) -> tuple[str, ...]:
-    """Name the causes of doubt that are one and the same in both: of artefacts whose files say the same."""
+def shared_influences(first: CalibrationRecord, second: CalibrationRecord) -> tuple[Influence, ...]:
+    """Name the influences that are one and the same in both: of artefacts whose files say the same."""
     kept = [target for target in first.targets.values() if target in second.targets.values()]
     kinds = {str(target.get("kind")) for target in kept}
-    return tuple(cause for cause, of in _SHARED.items() if kinds.intersection(of))
+    return tuple(influence for influence, of in _SHARED.items() if kinds.intersection(of))
 
 
 def _demand_one_rig(*records: CalibrationRecord) -> None:
@@ -134,14 +134,14 @@ def _height_there(before: RigCalibration, pixel: tuple[float, float], height_mm:
 
 
 def _compared(
-    name: str, unit: str, quantity: Quantity, both: tuple[RigCalibration, RigCalibration], shared: tuple[str, ...]
+    name: str, unit: str, quantity: Quantity, both: tuple[RigCalibration, RigCalibration], shared: tuple[Influence, ...]
 ) -> Compared:
-    moved = [_changes_by_cause(c, quantity) for c in both]
+    moved = [_changes(c, quantity) for c in both]
     first, second = (
         Estimate(quantity(c), _root_sum(changes.values()), unit, name) for c, changes in zip(both, moved, strict=True)
     )
-    together = [np.subtract(moved[1].get(cause, 0.0), moved[0].get(cause, 0.0)) for cause in shared]
-    apart = [change for one in moved for cause, change in one.items() if cause not in shared]
+    together = [np.subtract(moved[1].get(one, 0.0), moved[0].get(one, 0.0)) for one in shared]
+    apart = [change for one in moved for influence, change in one.items() if influence not in shared]
     difference = Estimate(second.value - first.value, _root_sum((*together, *apart)), unit, f"change of {name}")
     return Compared(name, first, second, difference)
 
@@ -150,8 +150,11 @@ def _root_sum(changes: Iterable[Array]) -> float:
     return math.sqrt(sum(float(np.sum(np.square(change))) for change in changes))
 
 
-def _changes_by_cause(calibration: RigCalibration, quantity: Quantity) -> dict[str, Array]:
-    """Return the signed changes under the modes of each cause; a shared cause has one mode."""
+def _changes(calibration: RigCalibration, quantity: Quantity) -> dict[Influence, Array]:
+    """Return the signed changes under the components of each influence; a shared influence has one component."""
     changes = calibration.changes(quantity)
-    labels = [mode.label for mode in calibration.modes]
-    return {label: changes[[n for n, one in enumerate(labels) if one == label]] for label in dict.fromkeys(labels)}
+    influences = [component.influence for component in calibration.components]
+    return {
+        influence: changes[[n for n, one in enumerate(influences) if one is influence]]
+        for influence in dict.fromkeys(influences)
+    }

@@ -22,6 +22,7 @@ from fringecal.report import (
     sections_plot,
     uncertainty_map,
 )
+from fringecal.uncertainty import Influence, Source
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import (
@@ -161,15 +162,15 @@ def _uncertainty_section(found: Measurement, values: ReadableMap) -> Section:
 
 def _causes_table(surface: HeightMap) -> Table:
     """Tabulate what u(z) is made of: rms over the valid pixels by cause, the largest first."""
-    variances: dict[str, float] = {"phase of one pixel": _mean_square(surface.u_random)}
-    for number, cause in enumerate(surface.systematic.causes):
+    variances = {Source(Influence.PIXEL_PHASE): _mean_square(surface.u_random)}
+    for number, source in enumerate(surface.systematic.sources):
         part = _mean_square(surface.systematic.map(number, surface.z))
-        variances[cause] = variances.get(cause, 0.0) + part
+        variances[source] = variances.get(source, 0.0) + part
     total = sum(variances.values()) or 1.0
     ordered = sorted(variances.items(), key=lambda item: -item[1])
     frame = pd.DataFrame(
         {
-            "cause": [cause for cause, _ in ordered],
+            "cause": [source.text for source, _ in ordered],
             "rms over the surface / mm": [variance**0.5 for _, variance in ordered],
             "share of the variance / %": [100 * variance / total for _, variance in ordered],
         }

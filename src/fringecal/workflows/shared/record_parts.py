@@ -1,10 +1,11 @@
 """What every record says of its session: which it was, its files with their hashes; and budgets as rows."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from datetime import UTC, datetime
 
 from fringecal.records import BudgetRow, InputFile, SessionNote
 from fringecal.session import Capture, Session
+from fringecal.uncertainty import Budget
 
 
 def session_note(session: Session) -> SessionNote:
@@ -33,8 +34,10 @@ def inputs_of(session: Session, *, only: Iterable[Capture | None] | None = None)
     return tuple(file for file in files if names is None or file.capture in names)
 
 
-def budget_rows(contributions: Mapping[str, float]) -> tuple[BudgetRow, ...]:
-    """Return budget rows, the largest first; contributions are in the unit of the result."""
-    total = sum(c**2 for c in contributions.values()) or 1.0
-    rows = sorted(contributions.items(), key=lambda item: -abs(item[1]))
-    return tuple(BudgetRow(label=label, u=abs(c), contribution=abs(c), percent=100 * c**2 / total) for label, c in rows)
+def budget_rows(budget: Budget) -> tuple[BudgetRow, ...]:
+    """Return the rows of a budget as records hold them, the largest first; in the unit of the result."""
+    percents = budget.percents()
+    return tuple(
+        BudgetRow(label=source.identifier, u=u, contribution=u, percent=percents[source])
+        for source, u in budget.contributions().items()
+    )

@@ -4,8 +4,9 @@ import numpy as np
 
 from fringecal.camera import CAMERA_NAMES, PlateCamera
 from fringecal.errors import RecordError
-from fringecal.projector import RIG_NAMES, Mode, PlateResidual, RigCalibration, RigModel
+from fringecal.projector import RIG_NAMES, PlateResidual, RigCalibration, RigModel
 from fringecal.records import calibration_record as record
+from fringecal.uncertainty import Source, UncertaintyComponent
 from fringecal.workflows.shared.phase_notes import orders_of, wave_of
 
 
@@ -35,7 +36,16 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
         residual = PlateResidual(kept.degree, np.array(kept.coefficients), kept.box)
     projector = np.full(3, np.inf) if written.rig.projector_mm is None else np.array(written.rig.projector_mm)
     model = RigModel(np.array(written.rig.parameters), projector, residual)
-    modes = tuple(Mode(m.label, np.array(m.effect), np.inf if m.dof is None else m.dof) for m in written.rig.modes)
+    components = tuple(_component_of(mode) for mode in written.rig.modes)
     return RigCalibration(
-        camera, model, modes, written.rig.excess_rad, wave_of(written.wave), orders_of(written.orders)
+        camera, model, components, written.rig.excess_rad, wave_of(written.wave), orders_of(written.orders)
     )
+
+
+def _component_of(mode: record.ModeRecord) -> UncertaintyComponent:
+    try:
+        source = Source.parse(mode.label)
+    except ValueError as error:
+        raise RecordError(f"rig.modes: {error}; use the version that wrote the record") from error
+    dof = np.inf if mode.dof is None else mode.dof
+    return UncertaintyComponent(source.influence, np.array(mode.effect), dof, source.detail)

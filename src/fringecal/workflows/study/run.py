@@ -147,5 +147,4 @@ def _height(
     def height(moved: RigCalibration) -> float:
         return float(moved.model.height(np.array(phase), moved.camera.rays(u, v)))
 
-    estimate, _ = calibration.estimate(height, unit="mm", label=f"height {z_mm:g} mm")
-    return estimate
+    return calibration.budget(height, unit="mm", label=f"height {z_mm:g} mm").result

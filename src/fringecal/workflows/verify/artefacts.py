@@ -7,7 +7,7 @@ import numpy as np
 
 from fringecal.errors import FringecalError
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import HeightMap, Levels, absolute_phase, height_of_phase, points_by_cause
+from fringecal.reconstruct import HeightMap, Levels, absolute_phase, height_of_phase, points_by_component
 from fringecal.session import Capture
 from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, footprint_mm, surface_mm
 from fringecal.verification import Probe, Reading, probe, take_readings
@@ -72,7 +72,7 @@ def verify_artefact(
         surface = height_of_phase(absolute, calibration, height_range_mm=heights)
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
         found = probe(target, surface)
-        readings = take_readings(found, surface, lambda u, v, z: points_by_cause(calibration, u, v, z))
+        readings = take_readings(found, surface, lambda u, v, z: points_by_component(calibration, u, v, z))
         return ArtefactVerification(capture, target, phase, surface, found, readings)
     except FringecalError as error:
         raise with_frames_causes(error, phase) from error

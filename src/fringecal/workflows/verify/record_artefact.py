@@ -56,5 +56,5 @@ def _reading_record(reading: Reading) -> ReadingRecord:
         u_reference=reading.u_reference,
         en=reading.en,
         points=reading.points,
-        budget=budget_rows(reading.budget),
+        budget=() if reading.budget is None else budget_rows(reading.budget),
     )

@@ -91,11 +91,11 @@ def _budgets(found: ArtefactVerification) -> tuple[Section, ...]:
     if not judged:
         return ()
     reading = max(judged, key=lambda r: abs(r.reference or 0.0))
-    total = sum(c**2 for c in reading.budget.values())
-    rows = sorted(reading.budget.items(), key=lambda item: -abs(item[1]))
-    figure = budget_bars([label for label, _ in rows], [100 * c**2 / total for _, c in rows], title=reading.name)
-    alt = f"Bars of the shares of the variance of {reading.name}; the largest is {rows[0][0]}."
-    table = budget_table(f"Budget of {reading.name}", reading.budget, reading.unit)
+    assert reading.budget is not None
+    percents = {source.text: percent for source, percent in reading.budget.percents().items()}
+    figure = budget_bars(list(percents), list(percents.values()), title=reading.name)
+    alt = f"Bars of the shares of the variance of {reading.name}; the largest is {next(iter(percents))}."
+    table = budget_table(f"Budget of {reading.name}", reading.budget)
     return (Section("Uncertainty", (), (table,), (FigureItem(f"Budget of {reading.name}", figure, alt),)),)
 
 

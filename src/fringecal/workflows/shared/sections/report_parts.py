@@ -21,9 +21,8 @@ from fringecal.report import (
     slug,
 )
 from fringecal.session import Capture
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Budget, Estimate
 from fringecal.workflows.shared.capture_phase import CapturePhase
-from fringecal.workflows.shared.record_parts import budget_rows
 
 _SEVEREST_FIRST: tuple[Decision, ...] = ("fail", "conditionalFail", "conditionalPass", "pass", "info")
 
@@ -60,17 +59,11 @@ def estimates_table(
     return Table(caption, frame, header_note, {"value": "#.6g", "U (95 %)": DOUBT, "dof": DOF}, {"value": "u"})
 
 
-def budget_table(caption: str, contributions: Mapping[str, float], unit: str) -> Table:
+def budget_table(caption: str, budget: Budget) -> Table:
     """Tabulate a budget, the largest contribution first."""
-    rows = budget_rows(contributions)
+    unit = budget.result.unit
     heading = f"contribution / ({unit})" if "/" in unit else f"contribution / {unit}"
-    frame = pd.DataFrame(
-        {
-            "influence": [row.label for row in rows],
-            heading: [row.contribution for row in rows],
-            "share of the variance / %": [row.percent for row in rows],
-        }
-    )
+    frame = budget.table().set_axis(["influence", heading, "share of the variance / %"], axis="columns")
     formats = {heading: DOUBT, "share of the variance / %": ".1f"}
     return Table(caption, frame, "standard uncertainties", formats)
 
