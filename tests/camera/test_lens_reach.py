@@ -10,6 +10,7 @@ from fringecal.projector.angle.projection_angle import angle_budget
 from fringecal.projector.rig_calibration import Observations, calibrate_rig
 from fringecal.projector.rig_model import PlateResidual, RigModel
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Influence
 
 SHAPE = (480, 640)
 SIGMAS = np.array([1.0, 1.0, 0.5, 0.5, 1e-3, 2e-3, 1e-4, 1e-4, 0.0])
@@ -58,14 +59,14 @@ def rigs():
 
 
 def lens_part(budget):
-    return float(np.hypot.reduce([u for label, u in budget.items() if label.startswith("lens")]))
+    return float(np.hypot.reduce([c.effect for c in budget.components if c.influence is Influence.LENS]))
 
 
 def test_the_lens_is_in_the_budget_of_angle_and_height(rigs):
     for quantity, unit in ((lambda c: angle_budget(c).result.value, "deg"), (height_of, "mm")):
-        good, worse = (rigs[f].estimate(quantity, unit=unit, label="q") for f in (1.0, 8.0))
-        assert lens_part(worse[1]) > 2 * lens_part(good[1]) > 0
-        assert worse[0].u > good[0].u
+        good, worse = (rigs[f].budget(quantity, unit=unit, label="q") for f in (1.0, 8.0))
+        assert lens_part(worse) > 2 * lens_part(good) > 0
+        assert worse.result.u > good.result.u
 
 
 def test_focal_length_reaches_the_height_of_the_camera(rigs):
