@@ -16,9 +16,22 @@ from fringecal.history.constants import D4_MOVING, MOVING_RANGE
 Floats = NDArray[np.float64]
 
 LEAST_BASELINE, USUAL_BASELINE = 6, 20
+"""Values in control that sigma is estimated from, at least and usually: it is then known to 41 % and to 21 %
+(`Baseline.u_sigma_relative`). From fewer no limit can be drawn; with more, years pass before the first chart."""
+
 EWMA_WEIGHT, EWMA_WIDTH = 0.2, 2.962
+"""Weight of the newest value, and half width of the limits in standard deviations of the average: 500 values between
+false alarms (J. M. Lucas, M. S. Saccucci, Technometrics 32 (1990) 1; `ewma_run_length` computes it)."""
+
 CUSUM_SLACK, CUSUM_LIMIT = 0.5, 4.77
+"""In sigma: half the shift that is to be found, 1 sigma, and the sum that raises the alarm, with 370 values between
+false ones (D. C. Montgomery, Introduction to Statistical Quality Control, 9.1; `cusum_run_length` computes it)."""
+
 SHEWHART_WIDTH = 3.0
+"""Half width of the limits of single values in sigma: 370 values between false alarms (W. A. Shewhart; ISO 7870-2)."""
+
+_MOVING_RANGE_U = 0.909  # sqrt(0.8264): u of sigma from moving ranges of two, over sigma / sqrt(n - 1), see below
+_NO_SCATTER = 1e-12  # of the largest value: rounding
 
 
 @dataclass(frozen=True)
@@ -37,7 +50,7 @@ class Baseline:
     def u_sigma_relative(self) -> float:
         """Relative standard uncertainty of `sigma` from overlapping moving ranges of two."""
         # Var(mean moving range) = sigma^2 (0.8264 / (m - 1)) d2^2 for long series: P. G. Hoel, 1946.
-        return 0.909 / np.sqrt(self.size - 1) if self.size > 1 else 0.0
+        return _MOVING_RANGE_U / np.sqrt(self.size - 1) if self.size > 1 else 0.0
 
 
 @dataclass(frozen=True)
@@ -92,7 +105,7 @@ def baseline_of(values: ArrayLike, *, size: int | None = None) -> Baseline:
             "wait for more records, or state centre and sigma"
         )
     sigma = float(np.abs(np.diff(x[:size])).mean()) / MOVING_RANGE.d2
-    if sigma <= 1e-12 * np.abs(x[:size]).max():
+    if sigma <= _NO_SCATTER * np.abs(x[:size]).max():
         raise HistoryError(f"the first {size} values are all equal: no scatter to judge others by; state sigma")
     return Baseline(float(x[:size].mean()), sigma, size)
 

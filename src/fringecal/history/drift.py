@@ -9,15 +9,17 @@ from numpy.typing import ArrayLike
 from scipy import optimize, stats
 
 from fringecal.errors import HistoryError
-from fringecal.uncertainty import Estimate, Line, fit_line
+from fringecal.uncertainty import COVERAGE, Estimate, Line, fit_line
 
 YEAR_DAYS = 365.25
-LEAST_POINTS = 4
-LONGEST_DAYS = 5 * YEAR_DAYS
+LEAST_POINTS = 4  # records: two degrees of freedom at least for the scatter about the line
+LONGEST_DAYS = 5 * YEAR_DAYS  # of an interval: no history says what a rig does in longer
 EXTENDED_BELOW = 0.8  # of the limit: ILAC-G24's example for a longer interval
-GROWTH = 0.1
-TARGET_RELIABILITY = 0.9
-_SUSPICIOUS = 0.01
+GROWTH = 0.1  # by how much an interval is lengthened: small steps, since one good audit says little
+TARGET_RELIABILITY = 0.9  # share of audits that are to find the rig within its limits
+SIGNIFICANCE = 0.05  # probability without drift below which a rate is called significant: the usual 5 %
+_SUSPICIOUS = 0.01  # probability of residuals so alike below which the line is not carried on: 1 %, since it stops work
+_LEAST_RESIDUALS = 8  # below it the normal approximation of von Neumann's ratio does not hold
 
 
 @dataclass(frozen=True)
@@ -40,7 +42,7 @@ class Drift:
     @property
     def significant(self) -> bool:
         """Whether the rate differs from 0 at 95 %."""
-        return self.p_value < 0.05
+        return self.p_value < SIGNIFICANCE
 
     @property
     def steady(self) -> bool:
@@ -96,7 +98,7 @@ def drift_of(days: ArrayLike, values: ArrayLike, *, unit: str = "") -> Drift:
 def _structure(residuals: np.ndarray) -> float:
     """Probability of successive residuals so alike by chance (von Neumann's ratio, normal approximation)."""
     total = float(residuals @ residuals)
-    if len(residuals) < 8 or total == 0:
+    if len(residuals) < _LEAST_RESIDUALS or total == 0:
         return 1.0  # too few to tell
     ratio = float(np.sum(np.diff(residuals) ** 2)) / total
     n = len(residuals)
@@ -153,7 +155,7 @@ def staircase(
     return Interval(days, "staircase", reason)
 
 
-def chart_interval(drift: Drift, limit: float, *, reference: float = 0.0, coverage: float = 0.95) -> Interval:
+def chart_interval(drift: Drift, limit: float, *, reference: float = 0.0, coverage: float = COVERAGE) -> Interval:
     """Find how long the forecast of the next audit stays within the limit (ILAC-G24, method 2).
 
     The first time at which ``|forecast - reference| + U = limit``, U the expanded uncertainty of a single forecast,

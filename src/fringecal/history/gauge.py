@@ -11,8 +11,12 @@ from fringecal.errors import HistoryError
 from fringecal.history.constants import range_moments
 
 Floats = NDArray[np.float64]
-POOLING_LEVEL = 0.25  # AIAG: an interaction less significant than this is taken for repeatability
-GOOD_PERCENT, BAD_PERCENT, LEAST_CATEGORIES = 10.0, 30.0, 5
+# Limits of the AIAG's manual, Measurement Systems Analysis, 4th edition (2010).
+POOLING_LEVEL = 0.25  # an interaction less significant than this is taken for repeatability
+GOOD_PERCENT, BAD_PERCENT = 10.0, 30.0  # %GRR below which a gauge is good, and above which it is unfit
+LEAST_CATEGORIES = 5  # distinct categories that a good gauge tells apart
+_CATEGORIES = 1.41  # sqrt 2 with the manual's digits: 97 % intervals of the gauge that span the parts' variation
+_WHOLE_SCATTER = 6.0  # standard deviations that stand for the whole scatter of a gauge: 99.7 %
 
 
 @dataclass(frozen=True)
@@ -53,11 +57,11 @@ class GaugeStudy:
     @property
     def categories(self) -> float:
         """Number of distinct categories ``1.41 PV / GRR`` (the manual's digits) before it is cut; 5 are needed."""
-        return 1.41 * self.parts / self.gauge if self.gauge > 0 else np.inf
+        return _CATEGORIES * self.parts / self.gauge if self.gauge > 0 else np.inf
 
     def percent_of_tolerance(self, tolerance: float) -> float:
         """Six standard deviations of the gauge as a share of a tolerance's width."""
-        return 600 * self.gauge / tolerance
+        return 100 * _WHOLE_SCATTER * self.gauge / tolerance
 
     @property
     def verdict(self) -> str:

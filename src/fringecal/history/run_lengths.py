@@ -10,7 +10,7 @@ from scipy import stats
 
 from fringecal.history.charts import CUSUM_LIMIT, CUSUM_SLACK, EWMA_WEIGHT, EWMA_WIDTH, SHEWHART_WIDTH
 
-_NODES = 96
+_NODES = 96  # of Gauss and Legendre: more change no digit that is printed
 
 
 def shewhart_run_length(shift: float = 0.0, *, width: float = SHEWHART_WIDTH) -> float:

@@ -8,7 +8,15 @@ from scipy import stats
 
 from fringecal.errors import HistoryError
 
-CAPABLE, LEAST_READINGS, FINEST_SHARE = 1.33, 25, 0.05
+CAPABLE = 1.33
+"""Least Cg and Cgk of a gauge that is fit for its tolerance (Quality Management in the Bosch Group 10, Capability of
+Measurement and Test Processes, type-1 study)."""
+
+LEAST_READINGS, FINEST_SHARE = 25, 0.05
+"""Readings that a verdict needs at least, and the coarsest resolution as a share of the tolerance (as `CAPABLE`)."""
+
+_SHARE_OF_TOLERANCE = 0.2
+"""Of the tolerance's width that the gauge's whole scatter is set against; half of it on either side for the bias."""
 
 
 @dataclass(frozen=True)
@@ -74,8 +82,8 @@ def type_one_study(
         raise HistoryError(f"a tolerance is a width above 0, found {tolerance:g}")
     sd, bias = float(x.std(ddof=1)), float(x.mean() - reference)
     t = bias / (sd / np.sqrt(x.size))
-    cg = 0.2 * tolerance / (spread * sd)
-    cgk = (0.1 * tolerance - abs(bias)) / (spread / 2 * sd)
+    cg = _SHARE_OF_TOLERANCE * tolerance / (spread * sd)
+    cgk = (_SHARE_OF_TOLERANCE / 2 * tolerance - abs(bias)) / (spread / 2 * sd)
     reasons = [
         f"{name} = {value:.2f} is below {CAPABLE}" for name, value in (("Cg", cg), ("Cgk", cgk)) if value < CAPABLE
     ]

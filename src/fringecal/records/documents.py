@@ -10,7 +10,7 @@ from pydantic import BaseModel, ValidationError
 from fringecal.errors import RecordError
 from fringecal.records.files import write_text
 
-_SHOWN_FAULTS = 8
+_SHOWN_FAULTS = 8  # of a document; one slip often makes many, and the first few show it
 
 
 def read_document[Record: BaseModel](path: str | Path, model: type[Record], form: str, *, file_name: str) -> Record:

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal, get_args
 from pydantic import BaseModel, ConfigDict, Field
 
 from fringecal.records.owned import read_owned
+from fringecal.uncertainty import COVERAGE
 
 LIMITS_FILE = "limits.toml"
 
@@ -22,14 +23,16 @@ class _Table(BaseModel):
 class CommissionLimits(_Table):
     """What a commissioning must keep."""
 
-    plate_residual_rad: Limit = 0.10
-    grid_residual_px: Limit = 0.30
-    angle_u_deg: Limit = 0.5
-    angle_en: Limit = 1.0
-    height_en: Limit = 1.0
-    noise_ratio: Limit = 1.5
-    plate_form_mm: Limit = 0.05
-    frames_rad: Limit = 0.10
+    plate_residual_rad: Limit = (
+        0.10  # 1.6 % of a fringe: beyond it the plate is no plane, or frames do not belong together
+    )
+    grid_residual_px: Limit = 0.30  # six times what crossings are found to
+    angle_u_deg: Limit = 0.5  # 1.8 % of a height at 50 deg
+    angle_en: Limit = 1.0  # beyond 1 two numbers contradict each other (ISO 13528)
+    height_en: Limit = 1.0  # likewise
+    noise_ratio: Limit = 1.5  # scatter of repeats over the camera's own: beyond it lamp or mount move
+    plate_form_mm: Limit = 0.05  # a plate that has bent is in no model
+    frames_rad: Limit = 0.10  # as the plate's residual
 
 
 class VerifyLimits(_Table):
@@ -42,26 +45,26 @@ class VerifyLimits(_Table):
 class AuditLimits(_Table):
     """By how much a rig may have changed since its calibration."""
 
-    scale_percent: Limit = 0.1
-    tilt_deg: Limit = 0.1
-    distortion_px: Limit = 0.3
-    blur_px: Limit = 0.3
-    plate_phase_rad: Limit = 0.10
-    plate_form_mm: Limit = 0.05
-    height_scale_percent: Limit = 0.3
-    angle_deg: Limit = 0.1
-    contrast_percent: Limit = 10.0
-    modulation_percent: Limit = 30.0
-    noise_percent: Limit = 50.0
-    harmonic: Limit = 0.03
-    artefact_en: Limit = 1.0
+    scale_percent: Limit = 0.1  # 0.4 mm over 440 mm; a camera 1500 mm away that sinks by 1.5 mm
+    tilt_deg: Limit = 0.1  # a third of what changes the scale by 0.17 % over that field
+    distortion_px: Limit = 0.3  # as the grid's residual
+    blur_px: Limit = 0.3  # moves an edge's foot by one pixel
+    plate_phase_rad: Limit = 0.10  # 0.1 mm of height at 8 mm pitch and 50 deg
+    plate_form_mm: Limit = 0.05  # a plate that has bent is in no model
+    height_scale_percent: Limit = 0.3  # 0.085 mm on a zig-zag of 28 mm
+    angle_deg: Limit = 0.1  # the same at 50 deg
+    contrast_percent: Limit = 10.0  # the random part of u(z) grows by a tenth
+    modulation_percent: Limit = 30.0  # by four tenths
+    noise_percent: Limit = 50.0  # by a half
+    harmonic: Limit = 0.03  # of the fringes' second over the first: a ripple of 0.03 rad with three steps
+    artefact_en: Limit = 1.0  # beyond 1 two numbers contradict each other (ISO 13528)
 
 
 class Limits(_Table):
     """All limits, and the decision rule's level: the probability at which conformity counts as proved."""
 
     format: Literal[1] = 1
-    level: Annotated[float, Field(ge=0.5, lt=1)] = 0.95
+    level: Annotated[float, Field(ge=0.5, lt=1)] = COVERAGE
     commission: CommissionLimits = CommissionLimits()
     verify: VerifyLimits = VerifyLimits()
     audit: AuditLimits = AuditLimits()

@@ -9,6 +9,9 @@ from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, 
 
 from fringecal.uncertainty import Estimate
 
+_ASYMMETRY = 1e-8  # of a correlation: numbers are written to nine digits at least
+_NEGATIVE = 1e-6  # of its least eigenvalue, likewise: rounding of digits that were written
+
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 
 
@@ -158,5 +161,5 @@ def is_covariance(matrix: Matrix, size: int) -> bool:
     scale = np.sqrt(np.abs(np.diag(array)))
     scale[scale == 0] = 1.0
     correlation = array / np.outer(scale, scale)
-    symmetric = np.allclose(correlation, correlation.T, atol=1e-8)
-    return bool(symmetric and (size == 0 or np.linalg.eigvalsh(correlation).min() > -1e-6))
+    symmetric = np.allclose(correlation, correlation.T, atol=_ASYMMETRY)
+    return bool(symmetric and (size == 0 or np.linalg.eigvalsh(correlation).min() > -_NEGATIVE))

@@ -14,7 +14,7 @@ from fringecal.serve.uploads import Bounds
 from fringecal.session import FILE_NAME, Session, SessionCheck, check_session
 from fringecal.workflows.shared import REPORT_FILE
 
-_MOST_FOLDERS = 500  # of those below --sessions that are offered
+_MOST_FOLDERS = 500  # of those below --sessions that are offered: a list that is longer is not read
 _CALIBRATION = "calibration.json"
 
 

@@ -16,9 +16,9 @@ from fringecal.serve.access import Refused
 
 VERBS = ("commission", "verify", "audit")
 _COMMAND = (sys.executable, "-P", "-m", "fringecal")
-_MOST_LINES = 2000
+_MOST_LINES = 2000  # of a command's output that are kept: a commissioning says less than a hundred
 _PATIENCE_S = 10.0  # after which a command that was asked to stop is stopped
-_KEEP_ALIVE_S = 15.0
+_KEEP_ALIVE_S = 15.0  # of silence, after which a browser is told something, so that one that left is found out
 
 
 @dataclass

@@ -11,15 +11,15 @@ from fringecal.serve.access import Refused
 from fringecal.session import FILE_NAME, joined
 
 SUFFIXES = (".toml", ".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".cameramodel", ".yml", ".yaml")
-_LONGEST_NAME = 120
-_CHUNK = 1 << 20
+_LONGEST_NAME = 120  # letters: half of what file systems take, so that a folder and a suffix of ours fit beside it
+_CHUNK = 1 << 20  # bytes that are copied at a time
 # Endings of names that Windows takes for devices, whatever their suffix.
 _DEVICES = {"con", "prn", "aux", "nul", *(f"{port}{n}" for port in ("com", "lpt") for n in range(1, 10))}
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """How much one upload may hold."""
+    """How much one upload may hold: several sessions of frames as large as cameras take."""
 
     files: int = 200
     megabytes: int = 1000

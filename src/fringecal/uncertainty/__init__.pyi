@@ -20,6 +20,9 @@ from .degrees_of_freedom import (
     effective_dof as effective_dof,
 )
 from .estimates import (
+    COVERAGE as COVERAGE,
+)
+from .estimates import (
     Estimate as Estimate,
 )
 from .estimates import (

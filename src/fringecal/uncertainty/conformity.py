@@ -8,8 +8,14 @@ from scipy import integrate, optimize
 from scipy.special import ndtr, ndtri
 
 from fringecal.errors import FitError
+from fringecal.uncertainty.estimates import COVERAGE
 
 Outcome = Literal["pass", "conditionalPass", "conditionalFail", "fail"]
+
+_REACH_SDS = 9.0  # standard deviations of a production: 1e-18 of the items lie beyond
+_GUARD_TOLERANCE = 1e-12  # of u, to which a guard band is solved: beyond any digit that is printed
+# Of the integral of a risk: absolute, so that one of 1e-6 keeps six digits; relative; and the most pieces of its range.
+_RISK_TOLERANCE, _RISK_RELATIVE, _RISK_PIECES = 1e-12, 1e-10, 200
 
 
 @dataclass(frozen=True)
@@ -50,7 +56,9 @@ def conformance_probability(y: float, u: float, *, lower: float = -math.inf, upp
     return float(ndtr((upper - y) / u) - ndtr((lower - y) / u))
 
 
-def decide(y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = 0.95) -> Decision:
+def decide(
+    y: float, u: float, *, lower: float = -math.inf, upper: float = math.inf, level: float = COVERAGE
+) -> Decision:
     """Decide on conformity with four outcomes.
 
     "pass": conformity is proved, ``p >= level``; "fail": non-conformity is proved, ``p <= 1 - level``;
@@ -73,7 +81,7 @@ def decide(y: float, u: float, *, lower: float = -math.inf, upper: float = math.
     return Decision(outcome, p, level)
 
 
-def guard_band(u: float, *, tolerance: float = math.inf, level: float = 0.95) -> float:
+def guard_band(u: float, *, tolerance: float = math.inf, level: float = COVERAGE) -> float:
     """Guard band that proves conformity exactly at the given level, in the unit of u.
 
     Solves ``Phi(g / u) - Phi((g - T) / u) = level``; for T beyond 6 u it is the one-sided ``1.645 u``.
@@ -109,7 +117,7 @@ def guard_band(u: float, *, tolerance: float = math.inf, level: float = 0.95) ->
         return float(ndtr(g) - ndtr(g - width)) - level
 
     low = min(simple, width / 2)
-    return u * (low if excess(low) >= 0 else float(optimize.brentq(excess, low, width / 2, xtol=1e-12)))
+    return u * (low if excess(low) >= 0 else float(optimize.brentq(excess, low, width / 2, xtol=_GUARD_TOLERANCE)))
 
 
 def global_risks(
@@ -136,9 +144,10 @@ def global_risks(
         return float(inside * density)
 
     def share(start: float, end: float) -> float:
-        return float(integrate.quad(accepted, start, end, epsabs=1e-12, epsrel=1e-10, limit=200)[0])
+        found = integrate.quad(accepted, start, end, epsabs=_RISK_TOLERANCE, epsrel=_RISK_RELATIVE, limit=_RISK_PIECES)
+        return float(found[0])
 
-    reach = 9 * prior_sd  # beyond it 1e-18 of the items
+    reach = _REACH_SDS * prior_sd
     first, last = min(lower, prior_mean - reach), max(upper, prior_mean + reach)
     consumer = share(first, lower) + share(upper, last)
     conforming_accepted = share(lower, upper)

@@ -4,8 +4,10 @@ import math
 
 from scipy.special import ndtri
 
+from fringecal.uncertainty.estimates import COVERAGE
 
-def wilson_interval(hits: int, number: int, *, coverage: float = 0.95) -> tuple[float, float]:
+
+def wilson_interval(hits: int, number: int, *, coverage: float = COVERAGE) -> tuple[float, float]:
     """Return the score interval of a proportion.
 
     ``(p + k^2/2n -+ k sqrt(p (1-p)/n + k^2/4n^2)) / (1 + k^2/n)``, k of the normal distribution: E. B. Wilson,

@@ -7,6 +7,8 @@ from numpy.typing import ArrayLike
 
 DOF_RULES = ("interpolated", "truncated")
 
+_ROUNDING = 1e-12  # relative, below a whole number that is still that number
+
 
 def effective_dof(contributions: ArrayLike, dof: ArrayLike, *, rule: str = "interpolated") -> float:
     """Return the effective degrees of freedom of the root sum of squares of independent contributions.
@@ -45,4 +47,4 @@ def effective_dof(contributions: ArrayLike, dof: ArrayLike, *, rule: str = "inte
     if spread == 0.0:
         return math.inf
     nu = float(np.sum(u**2)) ** 2 / spread
-    return float(math.floor(nu * (1 + 1e-12))) if rule == "truncated" else nu
+    return float(math.floor(nu * (1 + _ROUNDING))) if rule == "truncated" else nu

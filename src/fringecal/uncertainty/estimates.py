@@ -10,6 +10,8 @@ from fringecal.uncertainty.influences import Influence
 COVERAGE = 0.95
 """Coverage probability of every expanded uncertainty that is stated anywhere."""
 
+_EXACT_DIGITS = 6  # after the point, where no uncertainty says how many are worth printing
+
 
 def coverage_factor(dof: float = math.inf, coverage: float = COVERAGE) -> float:
     """Return the coverage factor k: Student's t for the degrees of freedom, normal where they are infinite.
@@ -78,7 +80,7 @@ class Estimate:
 
     def __str__(self) -> str:
         """Print value and standard uncertainty to two digits of the uncertainty."""
-        digits = max(0, 1 - math.floor(math.log10(self.u))) if self.u > 0 else 6
+        digits = max(0, 1 - math.floor(math.log10(self.u))) if self.u > 0 else _EXACT_DIGITS
         unit = f" {self.unit}" if self.unit else ""
         dof = "inf" if math.isinf(self.dof) else f"{self.dof:.0f}"
         return f"{self.label} = {self.value:.{digits}f}{unit}, u = {self.u:.{digits}f}{unit}, dof {dof}"

@@ -9,9 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
 from fringecal.uncertainty.distributions import Distribution
+from fringecal.uncertainty.estimates import COVERAGE
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], ArrayLike]
+
+MOST_TRIALS = 20_000_000
+"""Draws after which a result that is not stable is given up, and 160 MB of results; a million often give an interval
+to one or two digits (JCGM 101:2008, 7.2.1)."""
+
+_BEYOND, _LEAST_BLOCK = 100, 10_000
+"""Draws beyond the interval in a block, and the least block: M = max(100 / (1 - p), 10^4) (JCGM 101:2008, 7.9.4 b)."""
 
 
 @dataclass(frozen=True)
@@ -45,9 +53,9 @@ def propagate_distributions(
     inputs: Sequence[Distribution],
     rng: np.random.Generator,
     *,
-    coverage: float = 0.95,
+    coverage: float = COVERAGE,
     digits: int = 2,
-    max_trials: int = 20_000_000,
+    max_trials: int = MOST_TRIALS,
 ) -> MonteCarlo:
     """Propagate independent distributions through a model, given as a function of one array per input.
 
@@ -81,10 +89,10 @@ def adaptive(
     draw: Draw,
     rng: np.random.Generator,
     *,
-    coverage: float = 0.95,
+    coverage: float = COVERAGE,
     digits: int = 2,
     tolerance: float | None = None,
-    max_trials: int = 20_000_000,
+    max_trials: int = MOST_TRIALS,
 ) -> MonteCarlo:
     """Draw results until value, u and both ends of the interval are stable (JCGM 101:2008, 7.9).
 
@@ -110,7 +118,7 @@ def adaptive(
     FitError
         Not stable within `max_trials`, or the model returns values that are not finite.
     """
-    block = max(math.ceil(100 / (1 - coverage)), 10_000)
+    block = max(math.ceil(_BEYOND / (1 - coverage)), _LEAST_BLOCK)
     drawn: list[Floats] = []
     rows: list[Floats] = []
     while len(drawn) * block < max_trials:
@@ -143,7 +151,7 @@ def numerical_tolerance(u: float, digits: int = 2) -> float:
     return 0.5 * 10.0**power
 
 
-def symmetric_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float, float]:
+def symmetric_interval(values: ArrayLike, coverage: float = COVERAGE) -> tuple[float, float]:
     """Probabilistically symmetric interval: as many values below as above (7.7)."""
     ordered = np.sort(np.asarray(values, float))
     inside = round(coverage * ordered.size)
@@ -151,7 +159,7 @@ def symmetric_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float
     return float(ordered[start]), float(ordered[min(start + inside, ordered.size - 1)])
 
 
-def shortest_interval(values: ArrayLike, coverage: float = 0.95) -> tuple[float, float]:
+def shortest_interval(values: ArrayLike, coverage: float = COVERAGE) -> tuple[float, float]:
     """Shortest interval that holds the share `coverage` of the values (5.3.4)."""
     ordered = np.sort(np.asarray(values, float))
     inside = min(round(coverage * ordered.size), ordered.size - 1)

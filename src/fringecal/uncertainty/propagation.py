@@ -15,6 +15,12 @@ from fringecal.uncertainty.estimates import Estimate
 Floats = NDArray[np.float64]
 Model = Callable[[NDArray], ArrayLike]
 
+_STEPS_PER_U = 100.0  # a first derivative's step is this part of u: what it neglects grows with the square of the step
+_CURVATURE_STEPS_PER_U = 10.0  # of second and third derivatives, whose rounding grows as the step shrinks
+_COMPLEX_STEP = 1e-200  # so small that its square is nothing (W. Squire, G. Trapp, SIAM Rev. 40 (1998) 110)
+_EXACT_SCALE = 1e-3  # of an input's size, or the size itself near zero, where the input has no u to set a step by
+_ASYMMETRY = 1e-9  # relative, of a covariance: rounding of who computed it
+
 
 @dataclass(frozen=True)
 class SecondOrder:
@@ -51,11 +57,11 @@ def jacobian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None, method: 
     """
     point = np.asarray(x, float)
     if method == "complex":
-        columns = [np.imag(model(point + 1e-200j * unit)) / 1e-200 for unit in np.eye(point.size)]
+        columns = [np.imag(model(point + 1j * _COMPLEX_STEP * unit)) / _COMPLEX_STEP for unit in np.eye(point.size)]
     elif method == "central":
         columns = [
             (np.asarray(model(point + h), float) - np.asarray(model(point - h), float)) / (2 * h[i])
-            for i, h in enumerate(np.diag(_steps(point, u) / 100))
+            for i, h in enumerate(np.diag(_steps(point, u) / _STEPS_PER_U))
         ]
     else:
         raise ValueError(f'method {method!r} is not "central" or "complex"')
@@ -68,7 +74,7 @@ def jacobian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None, method: 
 def hessian(model: Model, x: ArrayLike, *, u: ArrayLike | None = None) -> Floats:
     """Second derivatives of a scalar model by central differences, (n, n); steps are a tenth of `u`."""
     point = np.asarray(x, float)
-    steps = np.diag(_steps(point, u) / 10)
+    steps = np.diag(_steps(point, u) / _CURVATURE_STEPS_PER_U)
 
     def f(p: Floats) -> float:
         return float(np.asarray(model(p)))
@@ -181,7 +187,7 @@ def second_order(model: Model, inputs: Sequence[Estimate], *, covariance: ArrayL
     c = jacobian(model, x, u=u)
     variance = float(c @ matrix @ c)
     if np.count_nonzero(matrix - np.diag(np.diag(matrix))) == 0:
-        third = _third(model, x, _steps(x, u) / 10)
+        third = _third(model, x, _steps(x, u) / _CURVATURE_STEPS_PER_U)
         variance += float(np.sum((0.5 * second**2 + c[:, None] * third) * np.outer(u**2, u**2)))
     value = float(np.asarray(model(x)))
     return SecondOrder(value + shift, shift, math.sqrt(max(variance, 0.0)))
@@ -204,11 +210,11 @@ def _third(model: Model, x: Floats, steps: Floats) -> Floats:
 
 def _steps(x: Floats, u: ArrayLike | None) -> Floats:
     given = np.zeros_like(x) if u is None else np.broadcast_to(np.asarray(u, float), x.shape)
-    return np.where(given > 0, given, 1e-3 * np.maximum(np.abs(x), 1e-3))
+    return np.where(given > 0, given, _EXACT_SCALE * np.maximum(np.abs(x), _EXACT_SCALE))
 
 
 def _checked(covariance: ArrayLike, size: int) -> Floats:
     matrix = np.asarray(covariance, float)
-    if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T, rtol=1e-9, atol=0):
+    if matrix.shape != (size, size) or not np.allclose(matrix, matrix.T, rtol=_ASYMMETRY, atol=0):
         raise ValueError(f"a symmetric covariance of shape ({size}, {size}) is needed, found shape {matrix.shape}")
     return matrix

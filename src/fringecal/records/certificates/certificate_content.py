@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from fringecal.errors import RecordError
 from fringecal.records.certificates.laboratory import Laboratory
 from fringecal.records.parts import Decision
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import COVERAGE, Estimate
 
 _D_SI = {
     "mm": ("\\milli\\metre", ""),
@@ -67,7 +67,7 @@ class Measured:
     unit: str
     expanded: str = ""
     k: float = 2.0
-    coverage: float = 0.95
+    coverage: float = COVERAGE
 
     @classmethod
     def of(cls, name: str, estimate: Estimate) -> "Measured":

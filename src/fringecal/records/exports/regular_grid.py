@@ -7,14 +7,15 @@ from scipy import ndimage
 
 from fringecal.errors import RecordError
 
-# Neighbouring samples steeper than about 76 degrees count as a jump: a wall that a camera
-# above it has not seen.
+# Sample spacings. Neighbouring samples steeper than about 76 degrees count as a jump: a wall that a camera above it has
+# not seen.
 _JUMP_SAMPLES = 4.0
-_ITERATIONS = 15
-_SETTLED_PX = 1e-3
-_BLOCK_ROWS = 256
-_NO_WEIGHT = 1e-6
-_FIT_SAMPLES = 20_000
+_ITERATIONS = 15  # of the search for pixels; each leaves the share by which the map departs from a plane view
+_SETTLED_PX = 1e-3  # change of a pixel's place that ends the search: a thousandth of a sample
+_BLOCK_ROWS = 256  # of the grid, searched at a time: memory
+_NO_WEIGHT = 1e-6  # of a corner's share in a node, and of an area against its sides: rounding
+_FIT_SAMPLES = 20_000  # through which the affine part is drawn; it has six numbers
+_ROUNDING = 5e-7  # of a step, over which the last sample is a node in spite of rounding
 
 
 @dataclass(frozen=True)
@@ -137,8 +138,7 @@ def pixels_of_nodes(
 
 def _nodes(values_mm: np.ndarray, spacing_mm: float) -> np.ndarray:
     low, high = float(values_mm.min()), float(values_mm.max())
-    # Half a millionth of a step over: the last sample is a node in spite of rounding.
-    return low + spacing_mm * np.arange(int((high - low) / spacing_mm + 5e-7) + 1)
+    return low + spacing_mm * np.arange(int((high - low) / spacing_mm + _ROUNDING) + 1)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from fringecal.records.exports.triangles import Triangles
 
 _SIDES = ((0, 1), (1, 2), (2, 0))
 _LEAST_GOAL = 16  # faces of a body; below it there is nothing to thin
+_LEAST_CUT = 0.9  # of the body's faces asked for each time: walls and base take their share, so that one goal may miss
 
 
 def thinned(triangles: Triangles, faces: int) -> Triangles:
@@ -37,7 +38,7 @@ def thinned(triangles: Triangles, faces: int) -> Triangles:
     body = closed_body(triangles, base_mm=low[2] - depth)
     vertices, top, goal = body.vertices_mm, triangles.faces, len(body.faces)
     while len(top) > faces and goal > _LEAST_GOAL:
-        goal = int(goal * min(0.9, faces / len(top)))
+        goal = int(goal * min(_LEAST_CUT, faces / len(top)))
         vertices, all_faces = fast_simplification.simplify(body.vertices_mm, body.faces, target_count=goal)
         top = _upper(vertices, all_faces, low[2] - depth / 2)
     used, numbers = np.unique(top, return_inverse=True)
