@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from fringecal.errors import FringecalError
-from fringecal.projector.angle.angle_table import ColumnAngle
+from fringecal.projector.angle.angle_table import AxisAngle
 from fringecal.session import Session, temporary_session
 from fringecal.simulate import RigSpec, simulate_session
 from fringecal.simulate.rig.truth import projection_angle_deg
@@ -201,8 +201,8 @@ def compared(found: AngleFindings | FringecalError, spec: RigSpec, true_deg: flo
     return row
 
 
-def true_at(spec: RigSpec, place: ColumnAngle) -> float:
-    point = (place.x_mm, 0.0) if place.axis == "u" else (0.0, place.x_mm)
+def true_at(spec: RigSpec, place: AxisAngle) -> float:
+    point = (place.place_mm, 0.0) if place.axis == "u" else (0.0, place.place_mm)
     return float(projection_angle_deg(spec, np.array([point]))[0])
 
 

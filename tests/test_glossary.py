@@ -76,7 +76,6 @@ STILL_TO_REWORD = {
     "cost / mm",
     "cost / rad",
     "error of a length by the mean factor / %",
-    "influence",
     "mean factor / (mm/px)",
     "mean of the profiles' maxima / %",
     "mean shift / mm",

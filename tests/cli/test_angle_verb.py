@@ -84,7 +84,7 @@ def test_columns_that_would_be_empty_are_left_out():
 
 
 def headings_of(angle, theory):
-    at = {"axis": "u", "x_mm": 1.0, "breaks": 70, "shift_px": 5.8, "apparent_deg": 44.2}
+    at = {"axis": "u", "place_mm": 1.0, "breaks": 70, "shift_px": 5.8, "apparent_deg": 44.2}
     row = SimpleNamespace(**at, angle=angle, theory=theory, en=None if theory is None else 0.1)
     found = SimpleNamespace(estimator="ridge", angle=angle, apparent=angle, theory=theory, columns=(row,), rows=())
     return [column.header for column in _table(found).columns]

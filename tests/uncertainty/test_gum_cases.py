@@ -57,7 +57,7 @@ def test_h1_budget_is_sorted():
     assert contributions[:6] == pytest.approx([25, 16.6, 6.7, 5.8, 3.9, 2.89], abs=0.05)
     assert contributions[6:] == pytest.approx([0, 0, 0], abs=1e-6)
     assert sum(budget.percents().values()) == pytest.approx(100)
-    assert list(budget.table()["influence"]) == named
+    assert list(budget.table()["source of uncertainty"]) == named
 
 
 def test_h1_coverage_factor_truncated_and_interpolated():

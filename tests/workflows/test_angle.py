@@ -40,7 +40,7 @@ def true_angle(rig, axis, place_mm):
 
 def test_every_column_is_within_the_bar(measured, oblique):
     worst, mean = BARS[measured.estimator]
-    errors = [c.angle.value - true_angle(oblique, "x", c.x_mm) for c in measured.columns]
+    errors = [c.angle.value - true_angle(oblique, "x", c.place_mm) for c in measured.columns]
     assert len(errors) == 8
     assert np.abs(errors).max() < worst
     # The strips' common height, 3 mm to 0.003 mm, is 0.03 deg for all: allowed besides.
@@ -48,8 +48,8 @@ def test_every_column_is_within_the_bar(measured, oblique):
 
 
 def test_rows_show_the_slope_of_the_diverging_light(measured, oblique):
-    rows = [r for r in measured.rows if abs(r.x_mm) <= 80]
-    errors = [r.angle.value - true_angle(oblique, "y", r.x_mm) for r in rows]
+    rows = [r for r in measured.rows if abs(r.place_mm) <= 80]
+    errors = [r.angle.value - true_angle(oblique, "y", r.place_mm) for r in rows]
     # A row holds a tenth of the fringes: the skeleton's few whole rows of pixels do not average out.
     assert np.abs(errors).max() < (2 * BARS[measured.estimator][0] if measured.estimator != "phase" else 0.1)
 
@@ -57,14 +57,14 @@ def test_rows_show_the_slope_of_the_diverging_light(measured, oblique):
 def test_intervals_hold_the_truth(measured, oblique):
     low, high = measured.angle.interval_95
     assert low < oblique.truth["angle_origin_deg"] < high
-    held = [abs(c.angle.value - true_angle(oblique, "x", c.x_mm)) < c.angle.expanded().U for c in measured.columns]
+    held = [abs(c.angle.value - true_angle(oblique, "x", c.place_mm)) < c.angle.expanded().U for c in measured.columns]
     assert sum(held) >= 7  # of 8, each with 95 %: two or more outside have a chance of 6 %, and share one height
 
 
 def test_apparent_angle_is_another_number(measured):
-    row = max(measured.rows, key=lambda r: r.x_mm)
+    row = max(measured.rows, key=lambda r: r.place_mm)
     # 100 mm up, the camera 1100 mm above looks back by 5.2 deg: tan of the apparent angle is less by 0.09.
-    lower = np.degrees(np.arctan(np.tan(np.radians(row.angle.value)) - row.x_mm / 1100))
+    lower = np.degrees(np.arctan(np.tan(np.radians(row.angle.value)) - row.place_mm / 1100))
     assert abs(row.apparent_deg - row.angle.value) > 2
     assert row.apparent_deg == pytest.approx(lower, abs=0.5)
 

@@ -10,7 +10,10 @@ from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.records.parts import Check
 from fringecal.report.structure import FigureItem, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
+from fringecal.uncertainty.budgets import combined
+from fringecal.uncertainty.components import UncertaintyComponent
 from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Influence
 from fringecal.workflows.commission.camera_section import local_scale, local_scale_table
 from fringecal.workflows.commission.residual_section import StripResiduals, cell_means, scattered
 from fringecal.workflows.reconstruct.report import section_rows
@@ -49,8 +52,10 @@ def test_the_severest_check_decides(decisions, answer):
 
 
 def test_a_budget_is_sorted_and_its_shares_add_up():
-    frame = budget_table("b", {"small": 3.0, "large": -4.0}, "mm/px").frame
-    assert list(frame["influence"]) == ["large", "small"]
+    effects = {"small": 3.0, "large": -4.0}
+    small, large = (UncertaintyComponent(Influence.INPUT, u, detail=name) for name, u in effects.items())
+    frame = budget_table("b", combined(0.7, (small, large), unit="mm/px")).frame
+    assert list(frame["source of uncertainty"]) == ["large", "small"]
     # 3-4-5: the variances are 9 and 16 of 25.
     assert frame["share of the variance / %"].tolist() == pytest.approx([64.0, 36.0])
     assert frame["contribution / (mm/px)"].tolist() == [4.0, 3.0]

@@ -14,7 +14,7 @@ from fringecal.uncertainty import doubt_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
-    from fringecal.projector import ColumnAngle
+    from fringecal.projector import AxisAngle
     from fringecal.uncertainty import Estimate
     from fringecal.workflows.commission import AngleFindings, Estimator
 
@@ -99,7 +99,7 @@ def _table(found: "AngleFindings") -> Table:
     )
     for row in (*found.columns, *found.rows):
         table.add_row(
-            f"{'x' if row.axis == 'u' else 'y'} = {row.x_mm:z.1f}",
+            f"{'x' if row.axis == 'u' else 'y'} = {row.place_mm:z.1f}",
             str(row.breaks),
             f"{row.shift_px:z.2f}",
             *_angles(row.angle, row.apparent_deg, row.theory, row.en)[: 5 if stated else 3],
@@ -149,11 +149,11 @@ def _estimate(estimate: "Estimate") -> dict[str, Any]:
     return {"value": estimate.value, "u": estimate.u, "dof": dof, "unit": estimate.unit}
 
 
-def _row(row: "ColumnAngle") -> dict[str, Any]:
+def _row(row: "AxisAngle") -> dict[str, Any]:
     place = ("u_px", "x_mm") if row.axis == "u" else ("v_px", "y_mm")
     return {
-        place[0]: row.u_px,
-        place[1]: row.x_mm,
+        place[0]: row.place_px,
+        place[1]: row.place_mm,
         "breaks": row.breaks,
         "shift_px": row.shift_px,
         "shift_mm": row.shift_mm,

@@ -5,7 +5,7 @@ from .advice import (
     advise as advise,
 )
 from .angle.angle_table import (
-    ColumnAngle as ColumnAngle,
+    AxisAngle as AxisAngle,
 )
 from .angle.angle_table import (
     both_axes as both_axes,

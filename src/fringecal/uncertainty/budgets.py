@@ -49,15 +49,15 @@ class Budget:
         return percents
 
     def table(self) -> "pd.DataFrame":
-        """Return the budget as a table: influence, contribution, share of the variance in percent."""
+        """Return the budget as a table: source of uncertainty, contribution, share of the variance in percent."""
         import pandas as pd
 
         percents = self.percents()
         rows = [
-            {"influence": source.text, "contribution": value, "percent": percents[source]}
+            {"source of uncertainty": source.text, "contribution": value, "percent": percents[source]}
             for source, value in self.contributions().items()
         ]
-        return pd.DataFrame(rows, columns=["influence", "contribution", "percent"])
+        return pd.DataFrame(rows, columns=["source of uncertainty", "contribution", "percent"])
 
 
 def combined(

@@ -32,16 +32,16 @@ _STRIP_KEY = 1_000_000  # in a break's number: more than a picture has half frin
 
 
 @dataclass(frozen=True)
-class ColumnAngle:
+class AxisAngle:
     """The projection angle at one picture column on the line y = 0, or at one row on x = 0; deg from the normal.
 
-    `axis` says which: "u" for a column, "v" for a row; `u_px` is then the row, `x_mm` the place along y. Shifts are
-    means over the breaks as they are, angles are brought to the line. `apparent` and its theory hold the camera's own
-    angle.
+    `axis` says which: "u" for a column, "v" for a row. `place_px` is the column (row), `place_mm` its place along x (y).
+    Shifts are means over the breaks as they are, angles are brought to the line. `apparent` and its theory hold the
+    camera's own angle.
     """
 
-    u_px: float
-    x_mm: float
+    place_px: float
+    place_mm: float
     breaks: int
     shift_px: float
     shift_mm: float
@@ -71,7 +71,7 @@ def axis_angles(
     axis: Axis = "u",
     by_fringe: bool = False,
     projector: ProjectorPosition | None = None,
-) -> tuple[ColumnAngle, ...]:
+) -> tuple[AxisAngle, ...]:
     """Return the angle that the breaks near each column show, brought to the line y = 0 (or near each row, to x = 0).
 
     Parameters
@@ -115,10 +115,10 @@ def both_axes(
     *,
     by_fringe: bool = False,
     projector: ProjectorPosition | None = None,
-) -> tuple[tuple[ColumnAngle, ...], tuple[ColumnAngle, ...]]:
+) -> tuple[tuple[AxisAngle, ...], tuple[AxisAngle, ...]]:
     """Tabulate breaks by column and by row: at each strip across the strips, at even places along them."""
 
-    def table(axis: Axis, along_px: Array) -> tuple[ColumnAngle, ...]:
+    def table(axis: Axis, along_px: Array) -> tuple[AxisAngle, ...]:
         places, half = _places(along_px, breaks.strip)
         return axis_angles(
             calibration, breaks, places, half_width_px=half, axis=axis, by_fringe=by_fringe, projector=projector
@@ -154,7 +154,7 @@ class _Row:
     shared: tuple[UncertaintyComponent, ...]
 
 
-def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> ColumnAngle:
+def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosition | None) -> AxisAngle:
     x, y = row.point_mm
     tangent = float(projection_tangent(calibration.model, x, y))
     mean, u, dof = row.offset
@@ -164,9 +164,9 @@ def _tabulated(calibration: RigCalibration, row: _Row, projector: ProjectorPosit
     apparent = math.tan(float(apparent_angle(calibration.model, calibration.camera, x, y))) + mean
     stated = () if projector is None else (calibration.model, projector)
     breaks, shift_px, shift_mm = row.seen
-    return ColumnAngle(
-        u_px=row.place_px,
-        x_mm=x if row.axis == "u" else y,
+    return AxisAngle(
+        place_px=row.place_px,
+        place_mm=x if row.axis == "u" else y,
         breaks=breaks,
         shift_px=shift_px,
         shift_mm=shift_mm,

@@ -76,6 +76,28 @@ class OrderCandidate:
     orders: tuple[int, ...] = ()
 
 
+@dataclass(frozen=True)
+class BlockMeans:
+    """One piece of strips, averaged over its blocks of neighbours.
+
+    Parameters
+    ----------
+    rays
+        Mean ray of each block.
+    z_mm
+        Height of the piece.
+    phase_rad
+        Mean phase of each block, (n,).
+    pixels
+        Number of pixels of each block, its weight, (n,).
+    """
+
+    rays: Rays
+    z_mm: float | Array
+    phase_rad: Array
+    pixels: NDArray[np.intp]
+
+
 def judge_orders(
     plate: PhasePoints,
     pieces: Sequence[PhasePoints],
@@ -98,7 +120,7 @@ def judge_orders(
     return tuple(_judge(k, model, thin, sequence, projector_mm) for k in tried)
 
 
-def _thinned(points: PhasePoints) -> PhasePoints:
+def _thinned(points: PhasePoints) -> BlockMeans:
     """Average the points of each block: what is left is smooth, and quick to work with."""
     good = np.isfinite(points.phase_rad)
     _, index, number = np.unique(points.cluster[good], return_inverse=True, return_counts=True)
@@ -108,10 +130,10 @@ def _thinned(points: PhasePoints) -> PhasePoints:
 
     rays = points.rays
     thin = Rays(mean(rays.ax), mean(rays.ay), mean(rays.bx), mean(rays.by))
-    return PhasePoints(thin, points.z_mm, mean(points.phase_rad), number)
+    return BlockMeans(thin, points.z_mm, mean(points.phase_rad), number)
 
 
-def _nearest_first(pieces: Sequence[PhasePoints], anchor: int) -> list[int]:
+def _nearest_first(pieces: Sequence[BlockMeans], anchor: int) -> list[int]:
     """Order the pieces so that each next one is the nearest to those before it."""
     centres = np.array([(np.median(p.rays.ax), np.median(p.rays.ay)) for p in pieces])
     left = set(range(len(pieces))) - {anchor}
@@ -125,7 +147,7 @@ def _nearest_first(pieces: Sequence[PhasePoints], anchor: int) -> list[int]:
     return sequence
 
 
-def _orders(model: RigModel, anchor: PhasePoints) -> range:
+def _orders(model: RigModel, anchor: BlockMeans) -> range:
     """Every order for which the ray could come in at less than the steepest angle considered."""
     x, y = anchor.rays.at(anchor.z_mm)
     gx, gy, _ = model.gradient(x, y, 0.0)
@@ -137,7 +159,7 @@ def _orders(model: RigModel, anchor: PhasePoints) -> range:
 def _judge(
     order: int,
     plate: RigModel,
-    pieces: Sequence[PhasePoints],
+    pieces: Sequence[BlockMeans],
     sequence: Sequence[int],
     projector_mm: Array | None,
 ) -> OrderCandidate:
@@ -167,11 +189,11 @@ def _judge(
     return OrderCandidate(order, angle, height, side, off_axis, rms, possible, likely, difference, numbers)
 
 
-def _shifted(piece: PhasePoints, order: int) -> PhasePoints:
+def _shifted(piece: BlockMeans, order: int) -> BlockMeans:
     return replace(piece, phase_rad=piece.phase_rad + 2 * math.pi * order)
 
 
-def _solved(plate: RigModel, pieces: Sequence[PhasePoints], *, near: Array | None = None) -> RigModel:
+def _solved(plate: RigModel, pieces: Sequence[BlockMeans], *, near: Array | None = None) -> RigModel:
     """Solve for n_z and d_z, linear where the residual is known: `n_z z - phi d_z z = phi D - N`.
 
     One strip along the fringes fixes only one combination of the two; a weak pull toward a projector that looks
@@ -188,7 +210,7 @@ def _solved(plate: RigModel, pieces: Sequence[PhasePoints], *, near: Array | Non
             z = np.full_like(x, piece.z_mm)
             rows.append(np.column_stack([z, -phi * z]))
             right.append(phi * below - above)
-            weights.append(np.sqrt(piece.cluster.astype(float)))
+            weights.append(np.sqrt(piece.pixels.astype(float)))
         nz, dz = _two_numbers(plate, np.vstack(rows), np.concatenate(right), np.concatenate(weights))
         parameters = plate.parameters.copy()
         parameters[2], parameters[6] = nz, dz
@@ -222,16 +244,16 @@ def _two_numbers(
     return float(solution[0] + n0 * solution[1]), float(solution[1])
 
 
-def _misfits(model: RigModel, pieces: Sequence[PhasePoints]) -> tuple[Array, Array]:
+def _misfits(model: RigModel, pieces: Sequence[BlockMeans]) -> tuple[Array, Array]:
     left, weight = [], []
     for piece in pieces:
         x, y = piece.rays.at(piece.z_mm)
         left.append(piece.phase_rad - model.phase(x, y, piece.z_mm))
-        weight.append(piece.cluster.astype(float))
+        weight.append(piece.pixels.astype(float))
     return np.concatenate(left), np.concatenate(weight)
 
 
-def _rms(model: RigModel, pieces: Sequence[PhasePoints]) -> float:
+def _rms(model: RigModel, pieces: Sequence[BlockMeans]) -> float:
     """Scatter of block means: noise and ripple fall out, a wrong order stays. Blocks at a flaw are left out."""
     left, weight = _misfits(model, pieces)
     size = np.abs(left)
@@ -239,7 +261,7 @@ def _rms(model: RigModel, pieces: Sequence[PhasePoints]) -> float:
     return math.hypot(float(np.sqrt(np.average(left[keep] ** 2, weights=weight[keep]))), SURFACE_U_RAD)
 
 
-def _covariance(model: RigModel, pieces: Sequence[PhasePoints], rms: float) -> Array:
+def _covariance(model: RigModel, pieces: Sequence[BlockMeans], rms: float) -> Array:
     """Covariance of (n_z, d_z) as the scatter of the blocks gives it."""
     rows = []
     for piece in pieces:
@@ -251,12 +273,12 @@ def _covariance(model: RigModel, pieces: Sequence[PhasePoints], rms: float) -> A
     return rms**2 * np.linalg.pinv(jacobian.T @ jacobian)
 
 
-def _extent_mm(pieces: Sequence[PhasePoints]) -> float:
+def _extent_mm(pieces: Sequence[BlockMeans]) -> float:
     x, y = (np.concatenate([getattr(p.rays, axis) for p in pieces]) for axis in ("ax", "ay"))
     return float(max(np.ptp(x), np.ptp(y)))
 
 
-def _predicted(plate: RigModel, strips: PhasePoints, projector_mm: Array) -> Array:
+def _predicted(plate: RigModel, strips: BlockMeans, projector_mm: Array) -> Array:
     """Phase that the strips must have if the projector stands at `projector_mm`.
 
     The phase on the plate is known; along a ray from the projector it does not change.

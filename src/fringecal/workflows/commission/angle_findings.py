@@ -8,8 +8,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.projector import (
+    AxisAngle,
     Breaks,
-    ColumnAngle,
     Displacement,
     OrderDecision,
     RigCalibration,
@@ -62,8 +62,8 @@ class AngleFindings:
     camera: CameraFindings
     calibration: RigCalibration
     breaks: Breaks
-    columns: tuple[ColumnAngle, ...]
-    rows: tuple[ColumnAngle, ...]
+    columns: tuple[AxisAngle, ...]
+    rows: tuple[AxisAngle, ...]
     angle: Estimate
     apparent: Estimate
     budget: Budget

@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.calibration import Calibrated
-from fringecal.projector import OFF, ColumnAngle, RigCalibration
+from fringecal.projector import OFF, AxisAngle, RigCalibration
 from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
 from fringecal.uncertainty import Influence
 from fringecal.workflows.commission.angle_findings import AngleFindings
@@ -57,13 +57,13 @@ def angle_section(found: AngleFindings) -> Section:
     return Section("Projection angle", sentences, tuple(tables), tuple(figures))
 
 
-def columns_frame(rows: tuple[ColumnAngle, ...]) -> pd.DataFrame:
+def columns_frame(rows: tuple[AxisAngle, ...]) -> pd.DataFrame:
     """Tabulate columns or rows (the thesis's tables 3.5 and 3.6 side by side)."""
     place = ("u / px", "x / mm") if rows[0].axis == "u" else ("v / px", "y / mm")
     table = [
         {
-            place[0]: c.u_px,
-            place[1]: c.x_mm,
+            place[0]: c.place_px,
+            place[1]: c.place_mm,
             "breaks": c.breaks,
             "shift / px": c.shift_px,
             "shift / mm": c.shift_mm,
@@ -82,10 +82,10 @@ def columns_frame(rows: tuple[ColumnAngle, ...]) -> pd.DataFrame:
     return pd.DataFrame(table).dropna(axis="columns", how="all")
 
 
-def _angle_figure(rows: tuple[ColumnAngle, ...], caption: str, label: str) -> FigureItem:
+def _angle_figure(rows: tuple[AxisAngle, ...], caption: str, label: str) -> FigureItem:
     theory = [(c.theory.value, c.theory.u) for c in rows if c.theory is not None]
     figure = angle_plot(
-        np.array([c.x_mm for c in rows]),
+        np.array([c.place_mm for c in rows]),
         np.array([c.angle.value for c in rows]),
         np.array([c.angle.expanded().U for c in rows]),
         theory_deg=np.array(theory) if theory else None,
@@ -132,7 +132,7 @@ def budgets_section(result: Calibrated) -> Section:
     scale = budget_table("Budget of the mean scale", result.camera.scale_budget)
     first = angle.frame.iloc[0]
     figure = budget_bars(
-        list(angle.frame["influence"]),
+        list(angle.frame["source of uncertainty"]),
         list(angle.frame["share of the variance / %"]),
         title=f"projection angle at the origin, u = {result.origin.angle.u:.3f} deg",
     )

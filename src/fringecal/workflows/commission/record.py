@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fringecal.calibration import Calibrated
 from fringecal.camera import CAMERA_NAMES, PlateCamera, family_rms_px
 from fringecal.detect import FAMILIES
-from fringecal.projector import RIG_NAMES, Advice, ColumnAngle, projector_estimates
+from fringecal.projector import RIG_NAMES, Advice, AxisAngle, projector_estimates
 from fringecal.records import DEFAULT_LIMITS, EstimateRecord, LensRecord, Limits, ValueU, VectorU, software_versions
 from fringecal.records import calibration_record as record
 from fringecal.session import Session
@@ -171,10 +171,10 @@ def _theory_record(found: CalibratedSession, theory: Estimate) -> record.TheoryR
     )
 
 
-def _column_record(column: ColumnAngle) -> record.ColumnRecord:
+def _column_record(column: AxisAngle) -> record.ColumnRecord:
     return record.ColumnRecord(
-        u_px=column.u_px,
-        x_mm=column.x_mm,
+        u_px=column.place_px,
+        x_mm=column.place_mm,
         breaks=column.breaks,
         angle_deg=column.angle.value,
         u_deg=column.angle.u,

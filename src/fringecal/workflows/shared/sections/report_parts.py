@@ -63,7 +63,7 @@ def budget_table(caption: str, budget: Budget) -> Table:
     """Tabulate a budget, the largest contribution first."""
     unit = budget.result.unit
     heading = f"contribution / ({unit})" if "/" in unit else f"contribution / {unit}"
-    frame = budget.table().set_axis(["influence", heading, "share of the variance / %"], axis="columns")
+    frame = budget.table().set_axis(["source of uncertainty", heading, "share of the variance / %"], axis="columns")
     formats = {heading: DOUBT, "share of the variance / %": ".1f"}
     return Table(caption, frame, "standard uncertainties", formats)
 
