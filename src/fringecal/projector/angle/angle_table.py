@@ -35,7 +35,7 @@ _STRIP_KEY = 1_000_000  # in a break's number: more than a picture has half frin
 class AxisAngle:
     """The projection angle at one picture column on the line y = 0, or at one row on x = 0; deg from the normal.
 
-    `axis` says which: "u" for a column, "v" for a row. `place_px` is the column (row), `place_mm` its place along x (y).
+    `axis` says which: "u" for a column, "v" for a row; `place_px` is the column (row), `place_mm` its place on x (y).
     Shifts are means over the breaks as they are, angles are brought to the line. `apparent` and its theory hold the
     camera's own angle.
     """
