@@ -26,6 +26,9 @@ def test_wrapping_leaves_the_same_angle_within_half_a_turn():
     wrapped = wrap(phase)
     assert np.abs(wrapped).max() <= np.pi
     np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * phase), atol=1e-12)
+    in_three = wrap(phase, 6 * np.pi)
+    assert np.abs(in_three).max() <= 3 * np.pi
+    np.testing.assert_allclose(np.exp(1j * in_three / 3), np.exp(1j * phase / 3), atol=1e-12)
     assert np.isnan(wrap(np.nan))
     assert wrap(np.zeros((2, 3))).shape == (2, 3)
 

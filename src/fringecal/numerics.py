@@ -16,14 +16,19 @@ MEDIAN_TO_MEAN = math.sqrt(math.pi / 2)
 TURN = 2 * math.pi
 """One fringe, rad."""
 
+DRAW_SEED = 2008
+"""Seed of draws of pixels for a fit, where none is given: any number serves, and a fixed one repeats the result."""
 
-def wrap(phase_rad: ArrayLike) -> NDArray[np.float64]:
-    """Return the phase less the nearest whole number of turns, in [-pi, pi].
+
+def wrap(phase_rad: ArrayLike, turn_rad: float = TURN) -> NDArray[np.float64]:
+    """Return the phase less the nearest whole number of turns, at most half a turn up or down.
 
     Parameters
     ----------
     phase_rad
         Any shape, rad.
+    turn_rad
+        Where the phase starts again: one fringe, or the fringes of one cycle, rad.
 
     Examples
     --------
@@ -31,7 +36,7 @@ def wrap(phase_rad: ArrayLike) -> NDArray[np.float64]:
     [0.5, -2.7832, -2.7168]
     """
     phase = np.asarray(phase_rad, np.float64)
-    return np.asarray(phase - TURN * np.round(phase / TURN))
+    return np.asarray(phase - turn_rad * np.round(phase / turn_rad))
 
 
 def robust_sd(values: ArrayLike, *, about: float | None = None) -> float:
@@ -71,7 +76,7 @@ def robust_sd(values: ArrayLike, *, about: float | None = None) -> float:
 
 
 def median_and_u(values: NDArray[np.floating]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the median of every column and its standard uncertainty, both robust against outliers.
+    """Return the median of every column and its standard uncertainty, which outliers do not move.
 
     `u = sqrt(pi / 2) s / sqrt(n)` with the robust standard deviation `s` of the column's n values.
 
@@ -126,6 +131,17 @@ def products_up_to(along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
     first, second = np.asarray(along), np.asarray(across)
     pairs = powers_up_to(first.shape[-1] - 1)
     return np.stack([first[..., i] * second[..., j] for i, j in pairs], axis=-1)
+
+
+def quadratic_terms(x: NDArray[np.floating], y: NDArray[np.floating], *, axis: int = -1) -> NDArray[np.float64]:
+    """Return 1, x, y, x x, x y, y y along a new axis.
+
+    Examples
+    --------
+    >>> quadratic_terms(np.array([2.0]), np.array([3.0])).tolist()
+    [[1.0, 2.0, 3.0, 4.0, 6.0, 9.0]]
+    """
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=axis)
 
 
 def by_powers(coefficients: ArrayLike, degree: int) -> NDArray[np.float64]:

@@ -51,7 +51,7 @@ def campaign():
 
 def test_real_dots_lie_straight_with_the_lens_taken_out(dots):
     _, test = dots
-    # discorpy: 0.51 / 0.33 px before, 0.14 / 0.11 px after; the issue allows 0.20 px.
+    # discorpy: 0.51 / 0.33 px before, 0.14 / 0.11 px after: what is left is to be less.
     before = [family_rms_px(test.straightness_before, family) for family in FAMILIES]
     assert before == pytest.approx([0.51, 0.33], abs=0.03)
     assert max(family_rms_px(test.straightness_after, family) for family in FAMILIES) < 0.11

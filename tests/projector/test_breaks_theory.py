@@ -27,7 +27,7 @@ def pinhole_rig(x_mm, height_mm, *, per_mm=0.1):
 
 
 @pytest.mark.parametrize(
-    ("height", "camera_height", "published"),
+    ("height", "camera_height", "table_deg"),
     [
         (1000.0, 1e9, (53.99, 52.45, 50.78, 49.00, 47.07)),
         (1000.0, 1000.0, (50.78,) * 5),
@@ -35,15 +35,15 @@ def pinhole_rig(x_mm, height_mm, *, per_mm=0.1):
         (500.0, 1000.0, (54.08, 52.53, 50.87, 49.08, 47.14)),
     ],
 )
-def test_apparent_theory_is_the_published_table_without_its_strip(height, camera_height, published):
-    """The table holds for a strip 3 mm high; theory is its limit for a low one: G1 says by how much they differ."""
+def test_apparent_theory_is_similar_triangles_for_a_low_strip(height, camera_height, table_deg):
+    """The table is `tan = (X - x_c) / (H_c - Z) + (x_p - X) / (H_p - Z)` of a strip of Z = 3 mm; theory has Z = 0."""
     x_p = height * np.tan(np.radians(50.7))
     rig, camera = pinhole_rig(x_p, height), PlateCamera.from_values(
         {"scale_mm_per_px": 0.5, "height_mm": camera_height}, SHAPE
     )  # fmt: skip
     stated = ProjectorPosition(np.array([x_p, 0.0, height]), np.zeros(3))
     z = 3.0
-    for x, table in zip(X_MM, published, strict=True):
+    for x, table in zip(X_MM, table_deg, strict=True):
         low = theoretical_apparent(rig, stated, camera, x, 0.0).value
         high = np.degrees(np.arctan(x / (camera_height - z) + (x_p - x) / (height - z)))
         assert high == pytest.approx(table, abs=0.02)

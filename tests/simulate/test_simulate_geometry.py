@@ -60,7 +60,7 @@ class TestTriangulation:
         )
         return render(spec, plate(), noise=False), render(spec, plate().on_flat(25.0), noise=False)
 
-    def test_true_point_and_phase_difference_are_the_published_ones(self, pair):
+    def test_true_point_and_phase_difference_are_those_of_the_closed_form(self, pair):
         reference, raised = pair
         row, column = 4, 120 + 100
         assert raised.x[row, column] == pytest.approx(37.0, abs=1e-9)
@@ -204,7 +204,7 @@ class TestProjector:
         np.testing.assert_allclose(projection_angle_deg(rig(), points), expected, atol=1e-9)
 
     @pytest.mark.parametrize(
-        ("camera", "height_mm", "published_deg"),
+        ("camera", "height_mm", "table_deg"),
         [
             ({"kind": "telecentric", "height_mm": 1000.0}, 1000.0, (53.99, 52.45, 50.78, 49.00, 47.07)),
             ({"height_mm": 1000.0}, 1000.0, (50.78,) * 5),
@@ -212,14 +212,15 @@ class TestProjector:
             ({"height_mm": 1000.0}, 500.0, (54.08, 52.53, 50.87, 49.08, 47.14)),
         ],
     )
-    def test_apparent_angle_of_3_mm_strips_is_the_published_one(self, camera, height_mm, published_deg):
+    def test_apparent_angle_of_3_mm_strips_is_that_of_similar_triangles(self, camera, height_mm, table_deg):
         xp = height_mm * np.tan(np.radians(50.7))
         spec = rig(camera=camera, projector={"position_mm": (xp, 0.0, height_mm), "across_deg": 0.0})
         x, seen_at = np.array([-150.0, -75.0, 0.0, 75.0, 150.0]), spec.camera.height_mm
-        # The table is for a strip of 3 mm, by (G1); the function gives the limit of a low one.
+        # The table is `s / Z = (X - x_c) / (H_c - Z) + (x_p - X) / (H_p - Z)` of a strip of Z = 3 mm; the function
+        # gives the limit of a low one.
         camera_part = 0.0 if spec.camera.kind == "telecentric" else x / (seen_at - 3)
         shown = np.degrees(np.arctan(camera_part + (xp - x) / (height_mm - 3)))
-        np.testing.assert_allclose(shown, published_deg, atol=0.006)
+        np.testing.assert_allclose(shown, table_deg, atol=0.006)
         low = apparent_angle_deg(spec, np.column_stack([x, 0 * x]))
         # From height 3 to 0 tan(angle) changes by 3 / 500 of itself at most: 0.17 deg.
-        np.testing.assert_allclose(low, published_deg, atol=0.18)
+        np.testing.assert_allclose(low, table_deg, atol=0.18)

@@ -8,7 +8,7 @@ from fringecal.projector.angle.projection_angle import projection_angle
 
 
 def test_scale_and_angle(oblique):
-    # A tenth of what the issue allows before lens and steps are corrected (0.3 %, 0.3 deg): both are corrected now.
+    # Uncorrected, lens and steps would cost some 0.3 % and 0.3 deg; they are corrected, and little of it may be left.
     assert abs(oblique.scale_error) < 0.03 / 100
     assert abs(oblique.angle_error_deg) < 0.05
 
@@ -54,7 +54,7 @@ def test_the_angle_over_the_field(oblique, axis):
 
 def test_zigzag_errors(oblique):
     errors = oblique.bars.errors
-    # The issue allows 0.6 % before steps and lens are corrected.
+    # Uncorrected, steps and lens would cost some 0.6 %.
     for profile in errors.profiles:
         assert abs(profile.mean_percent) <= 0.1
     assert abs(errors.pooled.mean_percent) <= 0.05

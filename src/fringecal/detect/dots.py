@@ -12,6 +12,7 @@ from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -215,4 +216,4 @@ def _scatter_px(site: IntArray, points: FloatArray) -> float:
     bend = nodes[:, 3:] - 3 * nodes[:, 2:-1] + 3 * nodes[:, 1:-2] - nodes[:, :-3]
     seen = bend[np.isfinite(bend)]
     # The third difference of independent errors has 1 + 9 + 9 + 1 = 20 times their variance.
-    return max(1e-3, 1.4826 * float(np.median(np.abs(seen))) / np.sqrt(20)) if seen.size else 0.05
+    return max(1e-3, robust_sd(seen, about=0) / np.sqrt(20)) if seen.size else 0.05

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera import CameraFit
+from fringecal.numerics import DRAW_SEED
 from fringecal.projector.forecast import HeightForecast, forecast_height
 from fringecal.projector.joint_fit import RigFit
 from fringecal.projector.rig_calibration import Observations, RigCalibration, calibrate_rig
@@ -127,9 +128,9 @@ def advise(
     return Advice(now, tuple(sorted(gains, key=lambda g: np.mean([g.ratio(z) for z in heights_mm]))))
 
 
-def proposed(proposal: Proposal, rig: RigCalibration, fit: RigFit) -> Observations:
-    """Return what a proposed artefact would add to the observations of this rig."""
-    camera, rng = rig.camera, np.random.default_rng(2008)
+def proposed(proposal: Proposal, rig: RigCalibration, fit: RigFit, *, seed: int = DRAW_SEED) -> Observations:
+    """Return what a proposed artefact would add to the observations of this rig, its noise drawn with a seed."""
+    camera, rng = rig.camera, np.random.default_rng(seed)
     inside = np.zeros((camera.height_px, camera.width_px), bool)
     rows, columns = (slice(*_middle(n, proposal.extent)) for n in inside.shape)
     inside[rows, columns] = True

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
-from fringecal.numerics import robust_sd
+from fringecal.numerics import DRAW_SEED, robust_sd
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, PlateResidual, RigModel, fit_residual
 from fringecal.projector.sampling import OUTLIER_SDS
@@ -20,8 +20,15 @@ _ROUGH_RAD = 0.5  # off a smooth phase: noise and ripple stay far below it, an o
 _MOST_ROUGH = 0.1  # share of the plate's points that may be off by more than that: dirt and shadow, but no object
 
 
-def plate_model(plate: PhasePoints) -> RigModel:
+def plate_model(plate: PhasePoints, *, seed: int = DRAW_SEED) -> RigModel:
     """Fit what the plate alone tells: five of the seven numbers, and the smooth residual.
+
+    Parameters
+    ----------
+    plate
+        Points of the bare plate.
+    seed
+        Of the draw of points that are fitted.
 
     Raises
     ------
@@ -29,7 +36,7 @@ def plate_model(plate: PhasePoints) -> RigModel:
         The plate's points do not span the field, or are not those of a bare plate.
     """
     good = np.flatnonzero(np.isfinite(plate.phase_rad))
-    good = np.random.default_rng(2008).permutation(good)[:_POINTS]
+    good = np.random.default_rng(seed).permutation(good)[:_POINTS]
     x, y, phi = plate.rays.ax[good], plate.rays.ay[good], plate.phase_rad[good]
     unit = max(float(np.ptp(x)), float(np.ptp(y)), 1e-9) / 2
     parameters = np.zeros(7)

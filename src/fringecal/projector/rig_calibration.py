@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
+from fringecal.numerics import DRAW_SEED, powers_up_to
 from fringecal.phase import PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
@@ -42,7 +43,7 @@ class RigCalibration:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all parameters, in the order of `vector`."""
-        terms = self.model.residual.terms()
+        terms = powers_up_to(self.model.residual.degree)
         return (
             *(f"camera.{n}" for n in CAMERA_NAMES),
             *(f"rig.{n}" for n in RIG_NAMES),
@@ -123,9 +124,9 @@ class Observations:
             made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
         return made
 
-    def thinned(self, number: int) -> "Observations":
+    def thinned(self, number: int, *, seed: int = DRAW_SEED) -> "Observations":
         """Return at most so many points of every surface, drawn evenly."""
-        rng = np.random.default_rng(2008)
+        rng = np.random.default_rng(seed)
         chosen = [np.sort(rng.permutation(u.size)[:number]) for u in self.u_px]
 
         def few(values: Sequence[Array]) -> tuple[Array, ...]:

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import DRAW_SEED
+
 Array = NDArray[np.float64]
 
 _BLOCK_PX = (
@@ -14,7 +16,9 @@ OUTLIER_SDS = 4.5
 distributed ones are."""
 
 
-def pick_points(inside: NDArray[np.bool_], number: int) -> tuple[Array, Array, NDArray[np.intp]]:
+def pick_points(
+    inside: NDArray[np.bool_], number: int, *, seed: int = DRAW_SEED
+) -> tuple[Array, Array, NDArray[np.intp]]:
     """Draw pixels of a region evenly, with the number of the block of neighbours that each lies in.
 
     Parameters
@@ -23,6 +27,8 @@ def pick_points(inside: NDArray[np.bool_], number: int) -> tuple[Array, Array, N
         The region, shape (H, W).
     number
         How many pixels at most.
+    seed
+        Of the draw.
 
     Returns
     -------
@@ -30,8 +36,8 @@ def pick_points(inside: NDArray[np.bool_], number: int) -> tuple[Array, Array, N
         In the order of the raster.
     """
     v, u = np.nonzero(inside)
-    # A fixed stride over the raster would walk along columns: a seeded draw has no such beat with fringes.
-    chosen = np.sort(np.random.default_rng(2008).permutation(v.size)[:number])
+    # A fixed stride over the raster would walk along columns: a draw has no such beat with fringes.
+    chosen = np.sort(np.random.default_rng(seed).permutation(v.size)[:number])
     v, u = v[chosen], u[chosen]
     cluster = (v // _BLOCK_PX) * _BLOCK_ROW + u // _BLOCK_PX
     return u.astype(float), v.astype(float), cluster.astype(np.intp)

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN, wrap
 from fringecal.phase import PhaseMap, plate_number
 from fringecal.projector import RigCalibration
-
-_TWO_PI = 2 * np.pi
 
 
 def step_in_cycle(phase_map: PhaseMap, calibration: RigCalibration) -> NDArray[np.float32] | None:
@@ -34,6 +33,5 @@ def step_in_cycle(phase_map: PhaseMap, calibration: RigCalibration) -> NDArray[n
         number = plate_number(orders, plate)
     if number is None:
         return None
-    turn = _TWO_PI * orders.cycle
-    step = orders.phase + _TWO_PI * number - plate
-    return np.where(phase_map.valid, step - turn * np.rint(step / turn), np.nan).astype(np.float32)
+    step = wrap(orders.phase + TURN * number - plate, TURN * orders.cycle)
+    return np.where(phase_map.valid, step, np.nan).astype(np.float32)

@@ -11,10 +11,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, prange
 
+from fringecal.numerics import TURN
 from fringecal.projector import foot_of_ray
 
 _FAST = {"contract", "nsz"}  # NaN marks masked pixels and must survive
-_TWO_PI = 2 * np.pi
 _STRIP = 256  # pixels of a row taken at a time: fourteen buffers of this length stay in a 32 KiB first-level cache
 _ROUNDS = 2  # the residual is smooth: each round gains two to three digits, and float32 has seven
 
@@ -114,7 +114,7 @@ def _step_strip(i, first, phase, reasons, rig, buffers, out):  # type: ignore[no
     _plate_phase(rig, ax, ay, buffers[4:], rho, plate)
     for j in range(phase.size):
         step = phase[j] - plate[j]
-        step -= _TWO_PI * np.rint(step / _TWO_PI)
+        step -= TURN * np.rint(step / TURN)
         out[j] = step if reasons[j] == 0 else np.nan
 
 

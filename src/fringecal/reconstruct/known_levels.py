@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fringecal.numerics import wrap
+
 Array = NDArray[np.float64]
 
 _REACH_RAD = 1.0  # a pixel may be this far from the phase of its level: some 15 % of a fringe's height
@@ -53,14 +55,12 @@ def steps_at_levels(step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Ar
     result = np.full(step_rad.shape, np.nan)
     for number, predicted in enumerate(predicted_rad, start=1):
         inside = _large_pieces(sure & (nearest == number))
-        rest = step_rad[inside] - predicted[inside]
-        result[inside] = predicted[inside] + rest - 2 * np.pi * np.round(rest / (2 * np.pi))
+        result[inside] = predicted[inside] + wrap(step_rad[inside] - predicted[inside])
     return result
 
 
 def _distance(step_rad: Array, predicted_rad: Array | float) -> Array:
-    rest = np.nan_to_num(step_rad) - predicted_rad
-    return np.abs(rest - 2 * np.pi * np.round(rest / (2 * np.pi)))
+    return np.abs(wrap(np.nan_to_num(step_rad) - predicted_rad))
 
 
 def _large_pieces(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:

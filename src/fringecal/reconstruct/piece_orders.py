@@ -1,6 +1,5 @@
 """Fringe order of an object's phase: each connected piece is decided by evidence, or left undecided."""
 
-import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -8,9 +7,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN
+
 Array = NDArray[np.float64]
 
-_TWO_PI = 2 * math.pi
 _NEAR_PLATE = 0.35  # rad; a plate pixel's phase differs from the model by noise and ripple only
 _MIN_PLATE_PIXELS = 200
 _MIN_SHARE = 0.02  # of a piece's pixels that must be plate, unless they are very many
@@ -73,7 +73,7 @@ def decide_pieces(
         above the plate, unless stated heights or a piece with plate reach beyond that.
     """
     number = int(pieces.max(initial=0))
-    turn = _TWO_PI * fringes_per_turn
+    turn = TURN * fringes_per_turn
     levels, counts, sizes = _plate_votes(step_rad, pieces, number, turn)
     orders: dict[int, int | None] = {}
     for piece in (np.flatnonzero(sizes[1:]) + 1).tolist():

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def _centres(light: Array) -> Array:
     smooth = ndimage.gaussian_filter(light, (_SMOOTH_PX, 1.0))
     peak = smooth.argmax(axis=0)
     height = smooth.max(axis=0)
-    noise = 1.4826 * float(np.median(np.abs(smooth - np.median(smooth))))
+    noise = robust_sd(smooth)
     bright = height > max(_LEAST_SHARE * float(np.percentile(height, 90)), _LEAST_SIGMAS * noise, 2.0)
     rows = np.arange(light.shape[0])[:, None]
     near = np.abs(rows - peak) <= _WINDOW_PX

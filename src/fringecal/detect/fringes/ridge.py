@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
 
 Array = NDArray[np.float64]
 
@@ -112,9 +113,9 @@ def grey_noise(grey: Array) -> float:
 
     A step between two fringes lies in few pixels: the median does not see it.
     """
-    spread = (np.median(np.abs(np.diff(grey, 2, axis=axis))) for axis in (0, 1))
+    spread = min(robust_sd(np.diff(grey, 2, axis=axis), about=0) for axis in (0, 1))
     # Rounding to whole levels leaves at least the noise of rounding.
-    return max(1.4826 * float(min(spread)) / math.sqrt(6), 1 / math.sqrt(12))
+    return max(spread / math.sqrt(6), 1 / math.sqrt(12))
 
 
 def _kernel_norm(across: float) -> float:

@@ -7,7 +7,8 @@ import numpy.typing as npt
 from numba import njit
 
 from fringecal.detect.grid.line_points import LineStatus
-from fringecal.detect.grid.shape_map import Deviations, SmoothMap, robust_sd
+from fringecal.detect.grid.shape_map import Deviations, SmoothMap
+from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -185,5 +186,5 @@ def residuals(family: int, seen: Deviations, sigma_px: FloatArray, lines: LocalL
 def mark_outliers(status: IntArray, residual_px: FloatArray) -> IntArray:
     """Status with OUTLIER where a good point lies off its line's neighbourhood."""
     good = status == LineStatus.OK
-    limit = max(OUTLIER_SIGMAS * robust_sd(residual_px[good]), OUTLIER_FLOOR_PX)
+    limit = max(OUTLIER_SIGMAS * robust_sd(residual_px[good], about=0), OUTLIER_FLOOR_PX)
     return np.where(good & (np.abs(residual_px) > limit), int(LineStatus.OUTLIER), status)

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from fringecal.detect.grid.line_profile import LineProfile, aligned_sections, fit_profile, mean_section
 from fringecal.detect.grid.nodes import Edges
+from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -132,6 +133,6 @@ def _split(width_px: FloatArray) -> float:
         return np.inf
     light, heavy = min(ways, key=lambda way: sum(np.abs(part - np.median(part)).sum() for part in way))
     low, high = float(np.median(light)), float(np.median(heavy))
-    spread = 1.4826 * max(float(np.median(np.abs(light - low))), float(np.median(np.abs(heavy - high))))
+    spread = max(robust_sd(light), robust_sd(heavy))
     apart = high - low > max(np.log(MIN_RATIO), MIN_SEPARATION * spread)
     return float(np.exp(0.5 * (low + high))) if apart else np.inf

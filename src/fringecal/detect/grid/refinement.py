@@ -17,9 +17,10 @@ from fringecal.detect.grid.line_points import (
 )
 from fringecal.detect.grid.line_weights import Weights, line_kinds
 from fringecal.detect.grid.nodes import Edges, edges_between, predict_missing, stubs
-from fringecal.detect.grid.shape_map import SmoothMap, deviations, fit_to_nodes, fit_to_points, robust_sd
+from fringecal.detect.grid.shape_map import SmoothMap, deviations, fit_to_nodes, fit_to_points
 from fringecal.detect.grid.tears import without_torn_islands
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -240,7 +241,7 @@ def _local_lines(
     residual = residuals(family, seen, points.sigma_px, lines)
     status = mark_outliers(points.status, residual)
     good = status == LineStatus.OK
-    scatter = robust_sd(residual[good] / points.sigma_px[good])
+    scatter = robust_sd(residual[good] / points.sigma_px[good], about=0)
     sigma = np.full_like(points.sigma_px, np.inf)
     sigma[good] = np.maximum(points.sigma_px[good] * scatter, MIN_SIGMA_PX)
     return replace(points, status=status, sigma_px=sigma), fit_local_lines(grid, family, seen, sigma, good)

@@ -12,6 +12,7 @@ from scipy import linalg
 from fringecal.detect.grid.line_points import LinePoints
 from fringecal.detect.grid.nodes import Edges
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -139,7 +140,7 @@ def fit_to_points(
     design, target = np.concatenate(designs), np.concatenate(targets)
     first, flat = _fitted(smooth, design, target, shape)
     rest = target - design @ flat
-    kept = np.abs(rest) <= max(REJECT_SIGMAS * robust_sd(rest), NEGLIGIBLE_PX)
+    kept = np.abs(rest) <= max(REJECT_SIGMAS * robust_sd(rest, about=0), NEGLIGIBLE_PX)
     return first if kept.all() else _fitted(smooth, design[kept], target[kept], shape)[0]
 
 
@@ -191,9 +192,3 @@ def _best_count(degree: IntArray, half_solved: FloatArray, target: FloatArray) -
     explained = np.cumsum(half_solved**2)[counts - 1]
     rest = np.maximum(float(target @ target) - explained, 0.0) / len(target) + NEGLIGIBLE_PX**2
     return int(counts[np.argmin(len(target) * np.log(rest) + counts * np.log(len(target)))])
-
-
-def robust_sd(values: FloatArray) -> float:
-    """Return 1.4826 times the median absolute value of the finite entries (0 if there are none)."""
-    finite = np.abs(values[np.isfinite(values)])
-    return 1.4826 * float(np.median(finite)) if finite.size else 0.0

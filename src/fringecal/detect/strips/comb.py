@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import DetectionError
+from fringecal.numerics import DRAW_SEED
 
 Array = NDArray[np.float64]
 
@@ -36,11 +37,11 @@ class Pixels:
         """Coordinate along a direction."""
         return self.u_px * math.cos(direction_rad) + self.v_px * math.sin(direction_rad)
 
-    def sample(self, number: int) -> "Pixels":
-        """Return a seeded draw of the pixels: a stride would beat with the strips."""
+    def sample(self, number: int, *, seed: int = DRAW_SEED) -> "Pixels":
+        """Return so many pixels drawn at random: a stride would beat with the strips."""
         if self.likeness.size <= number:
             return self
-        chosen = np.random.default_rng(2008).choice(self.likeness.size, number, replace=False)
+        chosen = np.random.default_rng(seed).choice(self.likeness.size, number, replace=False)
         return Pixels(self.u_px[chosen], self.v_px[chosen], self.likeness[chosen])
 
 

@@ -7,6 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fringecal.numerics import robust_sd, wrap
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
@@ -43,9 +45,9 @@ def _noise(angle: Array, known: Mask) -> float:
     """Scatter of the smoothed step, from differences of neighbours three apart: edges are few."""
     rows = slice(None, None, max(1, angle.size // 100_000))
     angle, known = angle[rows], known[rows]
-    difference = np.angle(np.exp(1j * (angle[:, 3:] - angle[:, :-3])))
+    difference = wrap(angle[:, 3:] - angle[:, :-3])
     both = known[:, 3:] & known[:, :-3]
-    return 1.4826 * float(np.median(np.abs(difference[both]))) / math.sqrt(2) if both.any() else 0.0
+    return robust_sd(difference[both], about=0) / math.sqrt(2)
 
 
 def _drift(angle: Array, tolerance: float) -> float:
@@ -53,7 +55,7 @@ def _drift(angle: Array, tolerance: float) -> float:
     centre = 0.0
     angle = angle[:: max(1, angle.size // 50_000)]
     for _ in range(4):
-        left = np.angle(np.exp(1j * (angle - centre)))
+        left = wrap(angle - centre)
         near = np.abs(left) < 1.5 * tolerance
         if not near.any():
             return 0.0

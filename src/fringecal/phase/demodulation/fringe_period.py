@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import wrap
 
 _LEAST_CYCLES = 3.0
 _LEAST_PIXELS = 16
@@ -106,9 +107,7 @@ def phase_gradient(phase: ArrayLike, valid: ArrayLike | None = None) -> tuple[ND
         raise PhaseError(f"found a phase map of shape {p.shape}; needed: (height, width)")
     if valid is not None:
         p = np.where(np.asarray(valid, bool), p, np.nan)
-    turn = 2 * np.pi
-    along_u, along_v = np.diff(p, axis=1), np.diff(p, axis=0)
-    return along_u - turn * np.rint(along_u / turn), along_v - turn * np.rint(along_v / turn)
+    return wrap(np.diff(p, axis=1)), wrap(np.diff(p, axis=0))
 
 
 def _from_gradient(gradient_u: float, gradient_v: float) -> FringePeriod:

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import robust_sd
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
 ROUNDING_SIGMA = float(1 / np.sqrt(12))
@@ -20,7 +21,6 @@ BAND_ROWS = 32
 # Where the background is weak, I / A is no longer linear in the noise.
 _LEAST_BACKGROUND = 0.15
 _LEAST_SPREAD = 0.05
-_MAD_TO_SIGMA = 1.482602218505602
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def _mean_square(residual: NDArray) -> float:
 
 def _robust_variance(residual: NDArray) -> float:
     """Return the variance that the median absolute residual of normal noise implies."""
-    return float((_MAD_TO_SIGMA * np.median(np.abs(residual))) ** 2)
+    return robust_sd(residual, about=0) ** 2
 
 
 def _sample(frames: NDArray, n_steps: int) -> NDArray:

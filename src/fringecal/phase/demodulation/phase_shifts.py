@@ -13,17 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import median_and_u, robust_sd
 from fringecal.phase.demodulation.blocks import BLOCK_FRINGES, Block, measure_blocks
 from fringecal.phase.demodulation.demodulate import demodulate
 from fringecal.phase.demodulation.noise import Noise
 
 _LEAST_BLOCKS = 4
 _LEAST_PLACES = 4  # along an axis, for a change of the steps to be seen along it
-_OUTLIER_MADS = 4.0
-_MAD_TO_SIGMA = 1.482602218505602
+_OUTLIER_SIGMAS = 4.0
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
 _RARE = 1e-4
-_MEDIAN_TO_MEAN = 1.2533141373155003  # standard deviation of a median over that of a mean
 _CLEARLY = 0.8
 _ROUNDS = 3
 _CONVERGED_RAD = 1e-5
@@ -191,8 +190,8 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
     few = [_places(place, length) < _LEAST_PLACES for place, length in ((u, shape[1]), (v, shape[0]))]
     u_gradient[:, few] = np.inf
     background = np.array([block.background for block in blocks])
-    gain, u_gain = _relative(np.abs(signal))
-    share, u_share = _relative(background)
+    gain, u_gain = share_of_mean(np.abs(signal))
+    share, u_share = share_of_mean(background)
     offset = _offset(background, gain, share)
     return StepEstimate(
         steps_rad=stated + mean,
@@ -218,12 +217,15 @@ def _places(centre: NDArray, length: int) -> int:
     return np.unique(np.floor(8 * (centre / length + 0.5))).size
 
 
-def _relative(values: NDArray) -> tuple[NDArray, NDArray]:
-    """Return each frame's median share of the mean over the frames, block by block, and its u."""
-    shares = values / values.mean(axis=1, keepdims=True)
-    centre = np.median(shares, axis=0)
-    spread = _MAD_TO_SIGMA * np.median(np.abs(shares - centre), axis=0)
-    return centre, _MEDIAN_TO_MEAN * spread / np.sqrt(len(values))
+def share_of_mean(values: NDArray) -> tuple[NDArray, NDArray]:
+    """Return each frame's share of the mean over the frames and its standard uncertainty, (N,), medians over blocks.
+
+    Parameters
+    ----------
+    values
+        Modulation or background of every frame in every block, grey levels, (blocks, N).
+    """
+    return median_and_u(values / values.mean(axis=1, keepdims=True))
 
 
 def _offset(background: NDArray, gain: NDArray, share: NDArray) -> NDArray:
@@ -238,7 +240,7 @@ def _offset(background: NDArray, gain: NDArray, share: NDArray) -> NDArray:
 def _robust_plane(u: NDArray, v: NDArray, values: NDArray) -> tuple[float, float, NDArray, NDArray]:
     """Fit value = mean + slope over the field, outliers left out: mean, its u, slopes, their u."""
     deviation = np.abs(values - np.median(values))
-    keep = deviation <= _OUTLIER_MADS * _MAD_TO_SIGMA * np.median(deviation) + 1e-12
+    keep = deviation <= _OUTLIER_SIGMAS * robust_sd(values) + 1e-12
     basis = np.column_stack([np.ones(keep.sum()), u[keep], v[keep]])
     fit, *_ = np.linalg.lstsq(basis, values[keep])
     spare = max(int(keep.sum()) - basis.shape[1], 1)

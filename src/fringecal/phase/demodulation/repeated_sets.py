@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import wrap
 from fringecal.phase.demodulation.demodulate import demodulate
 from fringecal.phase.demodulation.phase_shifts import estimate_steps
 from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Finding
@@ -84,7 +85,7 @@ def compare_repeats(sets: ArrayLike, steps_rad: ArrayLike, *, white_level: float
             "needed: something moved between them, or the exposure changed"
         )
     first = maps[0].phase[valid].astype(np.float64)
-    differences = [np.angle(np.exp(1j * (map_.phase[valid] - first))) for map_ in maps]
+    differences = [wrap(map_.phase[valid] - first) for map_ in maps]
     shifts = np.array([np.median(difference) for difference in differences])
     u = max((_u_of_mean(difference) for difference in differences[1:]), default=0.0)
     steps, u_steps = _steps(grey, steps_rad, white_level)

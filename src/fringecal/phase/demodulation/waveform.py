@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import robust_sd
 from fringecal.phase.demodulation.blocks import HARMONICS, Block
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.phase_shifts import steps_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
 _TABLE = 2048
-_MAD_TO_SIGMA = 1.482602218505602
-_OUTLIER_MADS = 4.0
+_OUTLIER_SIGMAS = 4.0
 _LEAST_SLOPE = 0.05
 _SMALL_RIPPLE_RAD, _SIGNIFICANT = 0.005, 4.0
 
@@ -105,7 +105,7 @@ def waveform_of_blocks(blocks: list[Block]) -> Waveform:
 def _robust_mean(values: NDArray[np.complex128]) -> tuple[complex, float]:
     """Return the mean without outliers and its standard uncertainty in each part."""
     distance = np.abs(values - (np.median(values.real) + 1j * np.median(values.imag)))
-    keep = distance <= _OUTLIER_MADS * _MAD_TO_SIGMA * np.median(distance) + 1e-12
+    keep = distance <= _OUTLIER_SIGMAS * robust_sd(distance, about=0) + 1e-12
     kept = values[keep]
     return complex(kept.mean()), float(kept.std() / np.sqrt(2 * kept.size))
 

@@ -6,6 +6,7 @@ from itertools import combinations, permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import wrap
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
 
 EQUAL_SHARE = 0.15
@@ -27,15 +28,15 @@ def duplicates(evidence: Evidence) -> Iterator[Finding]:
     typical = max(differences.values())
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
     for (i, j), difference in differences.items():
-        apart = np.angle(np.exp(1j * (evidence.steps_rad[i] - evidence.steps_rad[j])))
-        if abs(apart) < 0.1 or difference > EQUAL_SHARE * typical or typical < 3 * noise:
+        apart = abs(float(wrap(evidence.steps_rad[i] - evidence.steps_rad[j])))
+        if apart < 0.1 or difference > EQUAL_SHARE * typical or typical < 3 * noise:
             continue
         copied = difference == 0
         yield Finding(
             "stale frame" if copied else "duplicate frames",
             f"frames {i + 1} and {j + 1} are {'the same picture, bit by bit' if copied else 'of the same step'}",
             f"they differ by {difference:.2f} grey levels rms, others by {typical:.0f}",
-            abs(float(apart)) / np.sqrt(6),
+            apart / np.sqrt(6),
             "wait for a new picture before storing it, and take the set again"
             if copied
             else "the fringes were not moved between them: take the set again",

@@ -3,9 +3,9 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringecal.phase.demodulation.demodulate import Reason
+from fringecal.phase.demodulation.phase_shifts import share_of_mean
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
 from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Evidence, Finding
 
@@ -36,8 +36,9 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
     """Find frames of other brightness (lamp) or of weaker fringes at the same brightness (vibration)."""
     if len(evidence.blocks) == 0:
         return
-    modulation, u_modulation = _relative(np.abs([block.signal for block in evidence.blocks]))
-    background, u_background = _relative(np.array([block.background for block in evidence.blocks]))
+    gain, u_modulation = share_of_mean(np.abs([block.signal for block in evidence.blocks]))
+    share, u_background = share_of_mean(np.array([block.background for block in evidence.blocks]))
+    modulation, background = gain - 1, share - 1
     blurred = modulation - background
     worst = int(np.abs(background).argmax())
     if abs(background[worst]) > max(LEAST_GAIN_ERROR, SIGNIFICANT * u_background[worst]):
@@ -60,14 +61,6 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
             ripple_rms(phase_error(evidence.steps_rad, gains=1 + modulation)),
             "let the rig come to rest before each frame, or use a shorter exposure; take the set again",
         )
-
-
-def _relative(values: NDArray) -> tuple[NDArray, NDArray]:
-    """Return the median deviation of each frame from the mean of its block, and its standard uncertainty."""
-    relative = values / values.mean(axis=1, keepdims=True) - 1
-    centre = np.median(relative, axis=0)
-    spread = 1.4826 * np.median(np.abs(relative - centre), axis=0)
-    return centre, 1.2533 * spread / np.sqrt(len(values))
 
 
 def waveform(evidence: Evidence) -> Iterator[Finding]:

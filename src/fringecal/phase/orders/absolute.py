@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN, robust_sd, wrap
 from fringecal.phase.orders.multi_period import FringeOrders
 from fringecal.phase.orders.order_kernels import hang_together
 from fringecal.phase.unwrapping.spatial import Unwrapped
 
-_TWO_PI = 2 * np.pi
 _CONTINUES_RAD = 2.0  # most that neighbours on one surface differ by
 _SMOOTH_RAD, _SMOOTH_SIGMAS = 0.6, 6.0  # bend of a surface; more is an edge
 _BESIDE_EDGE = 0.01  # of the picture's shorter side: kept off edges, so that no gap in one is passed
@@ -65,10 +65,9 @@ def pieces_in_cycles(phase: NDArray[np.floating], cycle: int) -> Unwrapped:
     Along an edge of the surface the jump changes, and somewhere it is a whole number of cycles. So pieces keep off
     edges by 1 % of the picture's shorter side: a gap in an edge that is narrower than twice as much is not passed.
     """
-    turn = _TWO_PI * cycle
+    turn = TURN * cycle
     bend = _bend(phase, turn)
-    finite = bend[np.isfinite(bend)]
-    noise = 1.4826 * float(np.median(finite)) if finite.size else 0.0
+    noise = robust_sd(bend, about=0)
     rough = ndimage.uniform_filter((bend > max(_SMOOTH_RAD, _SMOOTH_SIGMAS * noise)).astype(np.float32), 3) > 0.3
     reach = max(2, round(_BESIDE_EDGE * min(phase.shape)))
     inner = ndimage.distance_transform_edt(~rough) > reach if rough.any() else np.ones(phase.shape, bool)
@@ -80,7 +79,7 @@ def _bend(phase: NDArray[np.floating], turn: float) -> NDArray[np.float64]:
     bends = np.full((2, *phase.shape), np.nan)
     bends[0, :, 1:-1] = phase[:, 2:] - 2 * phase[:, 1:-1] + phase[:, :-2]
     bends[1, 1:-1] = phase[2:] - 2 * phase[1:-1] + phase[:-2]
-    return np.fmax(*np.abs(bends - turn * np.rint(bends / turn)))
+    return np.fmax(*np.abs(wrap(bends, turn)))
 
 
 def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
@@ -104,7 +103,7 @@ def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
     known = np.isfinite(orders.phase)
     if not known.any():
         raise PhaseError("no order is decided at any pixel: less noise, or periods further apart, are needed")
-    turn = _TWO_PI * orders.cycle
+    turn = TURN * orders.cycle
     found = pieces_in_cycles(orders.phase, orders.cycle)
     sizes = np.bincount(found.pieces.ravel(), minlength=2)
     sizes[0] = 0
@@ -115,4 +114,4 @@ def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
     if in_one_cycle:
         phase = orders.phase - turn * np.rint((orders.phase - (low + high) / 2) / turn)
     left = np.isfinite(phase)
-    return AbsolutePhase(phase, float((high - low) / _TWO_PI), in_one_cycle, float(1 - left.sum() / known.sum()))
+    return AbsolutePhase(phase, float((high - low) / TURN), in_one_cycle, float(1 - left.sum() / known.sum()))

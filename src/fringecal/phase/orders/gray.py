@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-
-_TWO_PI = 2 * np.pi
+from fringecal.numerics import TURN
 
 
 def decode_gray(
@@ -91,10 +90,10 @@ def unwrap_gray(phase: ArrayLike, code: ArrayLike, *, half_code: ArrayLike | Non
     if wrapped.shape != number.shape:
         raise PhaseError(f"the phase has shape {wrapped.shape}, the code {number.shape}: they must be equal")
     if half_code is None:
-        return wrapped + _TWO_PI * number
+        return wrapped + TURN * number
     half = np.asarray(half_code, np.float64)
     if half.shape != wrapped.shape:
         raise PhaseError(f"the phase has shape {wrapped.shape}, the half code {half.shape}: they must be equal")
     between = np.floor((half + 1) / 2)
     order = np.where(wrapped < -np.pi / 2, between, np.where(wrapped > np.pi / 2, between - 1, number))
-    return wrapped + _TWO_PI * order
+    return wrapped + TURN * order

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN, wrap
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.orders import order_kernels
 from fringecal.phase.orders.gray import decode_gray
 from fringecal.phase.orders.multi_period import FringeOrders
 
-_TWO_PI = 2 * np.pi
 _LEAST_EDGES = 50  # pixels at which the code goes on by one
 _AGREED = 0.5  # length of a mean direction; that of phases spread evenly over half a turn is 0.64
 _BESIDE_EDGE_RAD = 0.9  # about a seventh of a fringe: what blur and noise move an edge by
@@ -47,16 +47,16 @@ def orders_by_gray(map_: PhaseMap, frames: ArrayLike) -> FringeOrders:
     if abs(per_fringe) == 1:
         # Counted from the phase at which the code goes on; its turn is cut where no sensible code has its edges.
         start = _cut(_mean_angle(edge_phase))
-        rough = _TWO_PI * (number + 0.5) + start
+        rough = TURN * (number + 0.5) + start
     else:
-        rough = _TWO_PI * (number + 0.5) / abs(per_fringe)
+        rough = TURN * (number + 0.5) / abs(per_fringe)
         start = _cut(_mean_angle((map_.phase - rough)[valid]))
         rough = rough + start
-    turns = (rough - map_.phase) / _TWO_PI
-    clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - _BESIDE_EDGE_RAD / _TWO_PI * (abs(per_fringe) == 1))
+    turns = (rough - map_.phase) / TURN
+    clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - _BESIDE_EDGE_RAD / TURN * (abs(per_fringe) == 1))
     cycle = max(2 ** len(np.asarray(frames)) // abs(per_fringe), 1)
-    lower = np.where(valid, map_.phase + _TWO_PI * np.floor(turns), np.nan)
-    return _orders(np.where(clear, map_.phase + _TWO_PI * np.rint(turns), np.nan), lower, map_, cycle)
+    lower = np.where(valid, map_.phase + TURN * np.floor(turns), np.nan)
+    return _orders(np.where(clear, map_.phase + TURN * np.rint(turns), np.nan), lower, map_, cycle)
 
 
 def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int) -> FringeOrders:
@@ -64,7 +64,7 @@ def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int) -> Fring
     known = clear.astype(np.float32)
     for _ in range(_ROUNDS):
         known = order_kernels.chosen(known, lower.astype(np.float32))
-    known[order_kernels.alone(known, _TWO_PI * cycle)] = np.nan
+    known[order_kernels.alone(known, TURN * cycle)] = np.nan
     count = max(int(map_.valid.sum()), 1)
     decided = np.isfinite(known)
     if decided.sum() < _LEAST_DECIDED * count:
@@ -84,7 +84,7 @@ def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray) -> tuple[NDA
         here, there = (np.take(phase, range(k, code.shape[axis] - 1 + k), axis) for k in (0, 1))
         both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
         at = both & (np.abs(second - first) == 1)
-        change = np.angle(np.exp(1j * (there[at] - here[at])))
+        change = wrap(there[at] - here[at])
         changes.append((second - first)[at] * change)
         phases.append(here[at] + change / 2)
     found = np.concatenate(changes)
@@ -101,12 +101,11 @@ def _numbers_per_fringe(code: NDArray, valid: NDArray[np.bool_], phase: NDArray,
     total = code_steps = 0.0
     for axis in (0, 1):
         both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
-        change, step = np.diff(phase, axis=axis), np.diff(code, axis=axis)
-        change = np.angle(np.exp(1j * change))
+        change, step = wrap(np.diff(phase, axis=axis)), np.diff(code, axis=axis)
         small = both & (np.abs(step) <= 1)  # over an edge of the surface nothing is to be learned
         total += float(np.abs(change[small]).sum())
         code_steps += float(np.abs(step[small]).sum())
-    ratio = _TWO_PI * code_steps / max(total, 1e-9)
+    ratio = TURN * code_steps / max(total, 1e-9)
     nearest = max(1, round(ratio))
     if not 0.6 < ratio / nearest < 1.5:
         raise PhaseError(
@@ -134,4 +133,4 @@ def _mean_angle(phase: NDArray) -> float:
 
 def _cut(angle: float) -> float:
     """Return an angle in (-3/2 pi, pi/2]: codes begin where the phase is 0, or where it jumps, and never at the cut."""
-    return angle - _TWO_PI if angle > np.pi / 2 else angle
+    return angle - TURN if angle > np.pi / 2 else angle

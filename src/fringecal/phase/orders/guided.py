@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-
-_TWO_PI = 2 * np.pi
+from fringecal.numerics import TURN
 
 
 def unwrap_guided(
@@ -49,6 +48,6 @@ def unwrap_guided(
     if not (high >= low).all():
         raise PhaseError("the range of the phase is empty somewhere: low_rad must not exceed high_rad")
     difference = wrapped - plate
-    first = np.ceil((low - difference) / _TWO_PI)
-    last = np.floor((high - difference) / _TWO_PI)
-    return np.where(first == last, wrapped + _TWO_PI * first, np.nan), last > first
+    first = np.ceil((low - difference) / TURN)
+    last = np.floor((high - difference) / TURN)
+    return np.where(first == last, wrapped + TURN * first, np.nan), last > first

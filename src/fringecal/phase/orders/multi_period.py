@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN
 from fringecal.phase.orders import order_kernels
 
-_TWO_PI = 2 * np.pi
 _MOST_FRINGES = 1024
 _CLOSES, _MEETS = 0.5, 0.04  # a cycle ends where periods meet again: closer by this factor than before, in turns
 _CLEAR = 15.0  # lead in misfit: the second best order is right once in 10 000
@@ -62,8 +62,8 @@ class FringeOrders:
     def of(self, phase: ArrayLike) -> "FringeOrders":
         """Return the same orders for another wrapped phase of the same scene, such as a filtered one, rad, (H, W)."""
         wrapped = np.asarray(phase, np.float32)
-        turns = np.rint((self.phase - wrapped) / np.float32(_TWO_PI))
-        return replace(self, phase=(wrapped + np.float32(_TWO_PI) * turns).astype(np.float32))
+        turns = np.rint((self.phase - wrapped) / np.float32(TURN))
+        return replace(self, phase=(wrapped + np.float32(TURN) * turns).astype(np.float32))
 
     def sentence(self) -> str:
         """Say how orders were decided, and how surely."""
@@ -113,7 +113,7 @@ class PlateOrders:
             return self.number
         # Zeros are found up to whole orders: the same set may be numbered from another fringe.
         turns = np.outer(np.arange(self.cycle), self.ratios)
-        turns -= (np.array(orders.zeros_rad) - self.zeros_rad) / _TWO_PI
+        turns -= (np.array(orders.zeros_rad) - self.zeros_rad) / TURN
         return int(self.number + np.argmin(np.abs(turns - np.rint(turns)).max(axis=1))) % self.cycle
 
 
@@ -132,9 +132,9 @@ def plate_number(orders: FringeOrders, plate_rad: ArrayLike) -> int | None:
     int or None
         None unless 200 pixels or more are of one mind, and three times as many as of any other.
     """
-    turns = (np.asarray(plate_rad) - orders.phase) / _TWO_PI
+    turns = (np.asarray(plate_rad) - orders.phase) / TURN
     near = np.rint(turns)
-    on_plate = np.abs(turns - near) < _NEAR_PLATE / _TWO_PI  # false where either is missing
+    on_plate = np.abs(turns - near) < _NEAR_PLATE / TURN  # false where either is missing
     votes = np.bincount(near[on_plate].astype(np.int64) % orders.cycle, minlength=2)
     first, second = np.sort(votes)[::-1][:2]
     return int(votes.argmax()) if first >= max(_LEAST_VOTES, _LEAD * second) else None
@@ -213,8 +213,8 @@ def decide_orders(phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float]
     zeros = np.array([_zero(phi, *pair) for pair in zip(long, u_long, ratios, strict=True)])
     u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths)
     order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, _CLEAR, _MOST_MISFIT)
-    absolute = np.where(order >= 0, phi + np.float32(_TWO_PI) * order, np.float32(np.nan)).astype(np.float32)
-    absolute[order_kernels.alone(absolute, _TWO_PI * cycle)] = np.nan
+    absolute = np.where(order >= 0, phi + np.float32(TURN) * order, np.float32(np.nan)).astype(np.float32)
+    absolute[order_kernels.alone(absolute, TURN * cycle)] = np.nan
     known, valid = np.isfinite(absolute), np.isfinite(phi)
     count = max(int(valid.sum()), 1)
     return FringeOrders(
@@ -248,7 +248,7 @@ def _combined(doubts: NDArray, sigma: NDArray, ratios: NDArray) -> NDArray[np.fl
 def _nearest(ratios: ArrayLike, cycle: int) -> float:
     """Return how far apart the closest two orders lie in the longer fringes' phases, rad."""
     turns = np.outer(np.arange(1, cycle), np.asarray(ratios))
-    return float(_TWO_PI * np.abs(turns - np.rint(turns)).max(axis=1).min(initial=0.5))
+    return float(TURN * np.abs(turns - np.rint(turns)).max(axis=1).min(initial=0.5))
 
 
 def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders are decided from
@@ -284,8 +284,8 @@ def _zero(phi: NDArray, long: NDArray, u_long: NDArray, ratio: float) -> float:
     if _SEEN * np.median(u) > near:
         return 0.0
     # Orders lie `near` apart, so that the remainder of it is the same for all of them.
-    turned = np.mean(np.exp(1j * (coarse[0].astype(float) - ratio * fine) * _TWO_PI / near))
-    offset = float(np.angle(turned) * near / _TWO_PI)
+    turned = np.mean(np.exp(1j * (coarse[0].astype(float) - ratio * fine) * TURN / near))
+    offset = float(np.angle(turned) * near / TURN)
     return offset if abs(turned) > 0.5 and abs(offset) > near / 20 else 0.0
 
 
@@ -293,21 +293,21 @@ def _own_misfit(fine: NDArray, long: NDArray, u: NDArray, ratios: NDArray, zeros
     """Return the mean misfit per further period of the best order, outliers left out."""
     best = np.full(fine.size, np.inf)
     for n in range(cycle):
-        off = long - ratios[:, None] * (fine + _TWO_PI * n) - zeros[:, None]
-        off -= _TWO_PI * np.rint(off / _TWO_PI)
+        off = long - ratios[:, None] * (fine + TURN * n) - zeros[:, None]
+        off -= TURN * np.rint(off / TURN)
         best = np.minimum(best, ((off / u) ** 2).sum(axis=0))
     return float(np.median(best) / 0.455 / len(ratios))  # median of chi squared with one degree of freedom
 
 
 def _error_rate(u: NDArray, ratios: NDArray, cycle: int) -> float:
     """Return the mean probability that another order fits better: the sum over the orders that lie next."""
-    codes = _TWO_PI * np.outer(np.arange(cycle), ratios)
-    codes -= _TWO_PI * np.rint(codes / _TWO_PI)
+    codes = TURN * np.outer(np.arange(cycle), ratios)
+    codes -= TURN * np.rint(codes / TURN)
     typical = np.median(u, axis=1)
     rate = np.zeros(u.shape[1])
     for other in codes[1:]:
         between = codes - other / 2
-        between -= _TWO_PI * np.rint(between / _TWO_PI)
+        between -= TURN * np.rint(between / TURN)
         distance = ((between / typical) ** 2).sum(axis=1)
         if distance.min() > (1 - 1e-6) * ((other / 2 / typical) ** 2).sum():  # nothing lies between
             half = np.sqrt(((other[:, None] / 2 / u) ** 2).sum(axis=0))

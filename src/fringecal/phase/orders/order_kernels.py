@@ -3,7 +3,8 @@
 import numpy as np
 from numba import njit, prange
 
-_TWO_PI = 2 * np.pi
+from fringecal.numerics import TURN
+
 _FAR_BETTER = 4.0
 _MOST_OF_ONE = 9.0  # misfit of one neighbour: beyond an edge it fits no order of this side
 _OWN = 1e9  # a pixel's own misfit is not limited
@@ -15,8 +16,8 @@ def _misfit(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyp
     """Return the misfit of order n at a pixel; a longer fringe that is masked has no say."""
     total = 0.0
     for k in range(ratios.size):
-        off = long[k, i, j] - ratios[k] * (phi + _TWO_PI * n) - zeros[k]
-        off -= _TWO_PI * np.rint(off / _TWO_PI)
+        off = long[k, i, j] - ratios[k] * (phi + TURN * n) - zeros[k]
+        off -= TURN * np.rint(off / TURN)
         if off == off:
             total += (off / u_long[k, i, j]) ** 2
     return total
@@ -73,7 +74,7 @@ def _over_window(phi, long, u_long, ratios, zeros, i, j, misfits):  # type: igno
             there = phi[a, b]
             if not np.isfinite(there):
                 continue
-            over = np.rint((phi[i, j] - there) / _TWO_PI)
+            over = np.rint((phi[i, j] - there) / TURN)
             count += 1
             weight = ratios.size * (1.0 if a != i or b != j else _OWN)
             for n in range(cycle):
@@ -143,7 +144,7 @@ def chosen(known, lower):  # type: ignore[no-untyped-def]
             for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
                 for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
                     off = known[a, b] - lower[i, j]
-                    votes += (abs(off - _TWO_PI) < np.pi) - (abs(off) < np.pi)
+                    votes += (abs(off - TURN) < np.pi) - (abs(off) < np.pi)
             if abs(votes) > 1:
-                result[i, j] = lower[i, j] + _TWO_PI * (votes > 0)
+                result[i, j] = lower[i, j] + TURN * (votes > 0)
     return result

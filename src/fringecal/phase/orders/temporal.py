@@ -5,8 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from fringecal.errors import PhaseError
-
-_TWO_PI = 2 * np.pi
+from fringecal.numerics import TURN
 
 
 def unwrap_temporal(coarse: ArrayLike, fine: ArrayLike, ratio: float) -> NDArray[np.float64]:
@@ -47,7 +46,7 @@ def unwrap_temporal(coarse: ArrayLike, fine: ArrayLike, ratio: float) -> NDArray
         raise PhaseError(f"coarse phase has shape {long.shape}, fine phase {short.shape}; they must be equal")
     if not ratio > 1:
         raise PhaseError(f"ratio of periods is {ratio}; needed: coarse period / fine period, above 1")
-    return short + _TWO_PI * np.rint((ratio * long - short) / _TWO_PI)
+    return short + TURN * np.rint((ratio * long - short) / TURN)
 
 
 def beat_phase(fine: ArrayLike, coarse: ArrayLike) -> NDArray[np.float64]:
@@ -62,7 +61,7 @@ def beat_phase(fine: ArrayLike, coarse: ArrayLike) -> NDArray[np.float64]:
     -----
     `fine - coarse mod 2 pi`; its period is `beat_period` and its variance the sum of both variances.
     """
-    return np.mod(np.asarray(fine, np.float64) - np.asarray(coarse, np.float64), _TWO_PI)
+    return np.mod(np.asarray(fine, np.float64) - np.asarray(coarse, np.float64), TURN)
 
 
 def beat_period(fine_period: float, coarse_period: float) -> float:

@@ -12,6 +12,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import DRAW_SEED, by_powers, powers_up_to, products_up_to, wrap
 from fringecal.phase.single_frame.line_carrier import LineCarrier
 
 Array = NDArray[np.float64]
@@ -34,10 +35,7 @@ class SmoothPhase:
     def at(self, u_px: Array, v_px: Array) -> Array:
         """Return the phase in rad at pixels."""
         s, t = _unit(u_px, v_px, self.shape)
-        grid = np.zeros((_DEGREE + 1,) * 2)
-        for value, (i, j) in zip(self.coefficients, _terms(), strict=True):
-            grid[i, j] = value
-        return np.asarray(legendre.legval2d(s, t, grid))
+        return np.asarray(legendre.legval2d(s, t, by_powers(self.coefficients, _DEGREE)))
 
     def map(self) -> Array:
         """Return the phase of all pixels, (H, W)."""
@@ -55,7 +53,7 @@ def fringed(carrier: LineCarrier) -> Mask:
     return inside & (size > _MODULATION_SHARE * float(np.percentile(size, 75)))
 
 
-def plate_phases(carrier: LineCarrier, valid: Mask) -> Iterator[SmoothPhase]:
+def plate_phases(carrier: LineCarrier, valid: Mask, *, seed: int = DRAW_SEED) -> Iterator[SmoothPhase]:
     """Offer the smooth phases that may be the plate's: both levels, as told apart at several places.
 
     Parameters
@@ -64,27 +62,29 @@ def plate_phases(carrier: LineCarrier, valid: Mask) -> Iterator[SmoothPhase]:
         The demodulated picture.
     valid
         Pixels that carry fringes.
+    seed
+        Of the draw of pixels that are fitted.
 
     Raises
     ------
     PhaseError
         Too few pixels carry fringes.
     """
-    points = _Points.of(carrier, valid)
+    points = _Points.of(carrier, valid, seed)
     slopes = points.from_slopes(carrier)
     for place in _SEEDS:
-        seed = np.abs(points.across - place * points.extent) < 2.5 * carrier.period_px
-        levels = _two_levels(points.signal[seed] * np.exp(-1j * points.phase(slopes)[seed]))
+        near = np.abs(points.across - place * points.extent) < 2.5 * carrier.period_px
+        levels = _two_levels(points.signal[near] * np.exp(-1j * points.phase(slopes)[near]))
         for level in levels:
             start = slopes.copy()
             start[0] += level
-            apart = float(abs(np.angle(np.exp(1j * (levels[0] - levels[-1])))))
+            apart = abs(float(wrap(levels[0] - levels[-1])))
             yield SmoothPhase(points.grown(start, place, apart, carrier.period_px), carrier.signal.shape)
 
 
-def plate_phase_on(carrier: LineCarrier, plate: Mask, start: SmoothPhase) -> SmoothPhase:
+def plate_phase_on(carrier: LineCarrier, plate: Mask, start: SmoothPhase, *, seed: int = DRAW_SEED) -> SmoothPhase:
     """Fit the plate's phase anew to the pixels that are known to be plate."""
-    points = _Points.of(carrier, plate)
+    points = _Points.of(carrier, plate, seed)
     coefficients = start.coefficients
     for _ in range(4):
         coefficients = points.improved(coefficients, np.ones(points.signal.size, bool), _DEGREE, 1.2)
@@ -103,11 +103,11 @@ class _Points:
     extent: int
 
     @classmethod
-    def of(cls, carrier: LineCarrier, valid: Mask) -> "_Points":
+    def of(cls, carrier: LineCarrier, valid: Mask, seed: int) -> "_Points":
         v, u = np.nonzero(valid)
         if v.size < 1000:
             raise PhaseError(f"only {v.size} pixels of the picture carry fringes: more light on the plate is needed")
-        chosen = np.random.default_rng(2008).permutation(v.size)[:_POINTS]
+        chosen = np.random.default_rng(seed).permutation(v.size)[:_POINTS]
         u, v = u[chosen], v[chosen]
         signal = carrier.signal[v, u] / np.abs(carrier.signal[v, u])
         s, t = _unit(u, v, carrier.signal.shape)
@@ -148,12 +148,13 @@ class _Points:
 
     def improved(self, coefficients: Array, near: Mask, degree: int, limit_rad: float) -> Array:
         """One step of a robust fit to the wrapped residuals of the pixels near."""
-        design = self.design[near][:, [i + j <= degree for i, j in _terms()]]
+        count = len(powers_up_to(degree))  # terms are in the order of their degree
+        design = self.design[near][:, :count]
         left = np.angle(self.signal[near] * np.exp(-1j * (self.design[near] @ coefficients)))
         weights = _tukey(left, limit_rad)
         normal = design.T @ (design * weights[:, None]) + 1e-3 * np.eye(design.shape[1])
         changed = coefficients.copy()
-        changed[[i + j <= degree for i, j in _terms()]] += np.linalg.solve(normal, design.T @ (weights * left))
+        changed[:count] += np.linalg.solve(normal, design.T @ (weights * left))
         return changed
 
 
@@ -172,7 +173,7 @@ def _two_levels(signal: NDArray[np.complex128]) -> tuple[float, ...]:
         if gathered > best[0]:
             best = gathered, tuple(float(np.angle(m)) for m in means)
     one, other = best[1]
-    if abs(np.angle(np.exp(1j * (one - other)))) < _LEAST_STEP_RAD:
+    if abs(wrap(one - other)) < _LEAST_STEP_RAD:
         return (float(np.angle(signal.mean())),)
     return one, other
 
@@ -182,13 +183,8 @@ def _tukey(residual: Array, limit: float) -> Array:
     return np.clip(1 - (residual / limit) ** 2, 0, None) ** 2
 
 
-def _terms() -> list[tuple[int, int]]:
-    return [(i, n - i) for n in range(_DEGREE + 1) for i in range(n + 1)]
-
-
 def _design(s: Array, t: Array) -> Array:
-    along, across = legendre.legvander(s, _DEGREE), legendre.legvander(t, _DEGREE)
-    return np.stack([along[..., i] * across[..., j] for i, j in _terms()], axis=-1)
+    return products_up_to(legendre.legvander(s, _DEGREE), legendre.legvander(t, _DEGREE))
 
 
 def _unit(u: NDArray, v: NDArray, shape: tuple[int, ...]) -> tuple[Array, Array]:

@@ -8,9 +8,10 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN
+
 Array = NDArray[np.float64]
 
-_TWO_PI = 2 * np.pi
 _LEAST_BORDER = 5  # pixel pairs
 _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
 _OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order
@@ -94,8 +95,8 @@ def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
         # The other axis is the first one of the transposed picture.
         step, tolerance = _steps_over(values.T, labels.T, u, v) if along else _steps_over(values, labels, v, u)
         jump = np.where(first > second, -1, 1) * step
-        order = np.floor(jump / _TWO_PI + 0.5)
-        meets = np.abs(jump - _TWO_PI * order) < tolerance
+        order = np.floor(jump / TURN + 0.5)
+        meets = np.abs(jump - TURN * order) < tolerance
         cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
         found.append(np.column_stack([np.minimum(first, second), np.maximum(first, second), cells, order, meets]))
     return np.concatenate(found).astype(np.int64)

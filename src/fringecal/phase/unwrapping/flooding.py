@@ -9,8 +9,9 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
-_TWO_PI = 2 * np.pi
-_TURN, _PER_TURN = np.float32(_TWO_PI), np.float32(1 / _TWO_PI)
+from fringecal.numerics import TURN, robust_sd, wrap
+
+_TURN, _PER_TURN = np.float32(TURN), np.float32(1 / TURN)
 _BEND_LIMITS_RAD = (0.12, 0.45)  # change of slope over three px above which the smoothed phase is cut
 _BEND_SIGMAS = 6.0  # of the noise, between those limits
 # Variance of nine neighbours above which they disagree: their mean direction is then shorter than 0.6.
@@ -92,8 +93,7 @@ def _noise_of_bend(mean: NDArray[np.float32]) -> float:
     lines = np.unique(np.linspace(0, max(mean.shape[1] - 1, 0), _SAMPLE_ROWS).astype(int))
     sample = mean[:, lines]
     difference = sample[4:] - sample[3:-1] - sample[1:-3] + sample[:-4]
-    known = difference[np.isfinite(difference)]
-    return 1.4826 * float(np.median(np.abs(np.angle(np.exp(1j * known))))) if known.size else 0.0
+    return robust_sd(wrap(difference), about=0)
 
 
 @njit(cache=True)
@@ -157,8 +157,8 @@ def _flood(values, labels, phase, counts):  # type: ignore[no-untyped-def]
             y, x = v + dv, u + du
             inside = 0 <= y < height and 0 <= x < width
             if inside and labels[y, x] == 0 and phase[y, x] == phase[y, x]:
-                periods = np.floor((values[v, u] - phase[y, x]) / _TWO_PI + 0.5)
-                values[y, x] = phase[y, x] + _TWO_PI * periods
+                periods = np.floor((values[v, u] - phase[y, x]) / TURN + 0.5)
+                values[y, x] = phase[y, x] + TURN * periods
                 labels[y, x] = labels[v, u]
                 queue[tail, 0], queue[tail, 1] = y, x
                 tail += 1
@@ -185,5 +185,5 @@ def add_orders(values, labels, orders, numbers):  # type: ignore[no-untyped-def]
     for v in prange(labels.shape[0]):
         for u in range(labels.shape[1]):
             label = labels[v, u]
-            values[v, u] = values[v, u] + _TWO_PI * orders[label] if label > 0 else np.nan
+            values[v, u] = values[v, u] + TURN * orders[label] if label > 0 else np.nan
             labels[v, u] = numbers[label]

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit, prange
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN
+
 N_SWEEPS, N_CLASSES = 4, 9
 """Links of the first classes go by the worse of their pixels alone, all others by both; class 0 is the best."""
 
@@ -19,8 +21,7 @@ MAX_PIXELS = 2**30
 _STRIPS = 16
 _KEYS = 2 * N_CLASSES
 _PARENT = np.int64(2**32 - 1)
-_TWO_PI = 2 * np.pi
-_PER_TURN = np.float32(1 / _TWO_PI)
+_PER_TURN = np.float32(1 / TURN)
 
 
 def _table() -> NDArray[np.uint8]:
@@ -215,7 +216,7 @@ def add_periods(phase, classes, nodes, pieces):  # type: ignore[no-untyped-def]
             pixel = i * width + j
             root = nodes[pixel] & _PARENT
             masked = classes[pixel] == MASKED
-            result[i, j] = np.nan if masked else phase[i, j] + _TWO_PI * (nodes[pixel] >> 32)
+            result[i, j] = np.nan if masked else phase[i, j] + TURN * (nodes[pixel] >> 32)
             if root != pixel:
                 pieces[pixel] = pieces[root]
     return result

@@ -11,10 +11,10 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN
 from fringecal.phase.unwrapping import joining
 
-_TWO_PI = 2 * np.pi
-_PER_TURN = 1 / _TWO_PI
+_PER_TURN = 1 / TURN
 _FAST = {"nsz", "contract"}  # NaN marks masked pixels and must survive
 _CLASSES = (0.5, 0.7, 0.85, 0.96, 0.98, 0.99, 0.995, 0.9975)
 """Shares of the pixels, the best first, that part the classes.
@@ -151,8 +151,8 @@ def _classify(badness, wrapped, limits):  # type: ignore[no-untyped-def]
 def _bend(left, centre, right):  # type: ignore[no-untyped-def]
     """Return the squared wrapped second difference of three neighbours."""
     one, two = left - centre, centre - right
-    one -= np.float32(_TWO_PI) * np.rint(one * np.float32(_PER_TURN))
-    two -= np.float32(_TWO_PI) * np.rint(two * np.float32(_PER_TURN))
+    one -= np.float32(TURN) * np.rint(one * np.float32(_PER_TURN))
+    two -= np.float32(TURN) * np.rint(two * np.float32(_PER_TURN))
     return (one - two) * (one - two)
 
 

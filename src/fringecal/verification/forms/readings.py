@@ -15,6 +15,7 @@ from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
 ByComponent = Callable[[Floats, Floats, Floats], Iterable[tuple[UncertaintyComponent, Floats]]]
 
 _MOST = 6000  # points of a group that are moved by each component: a smooth change needs no more
+_DRAW_SEED = 2634  # of the draw of those points: any number serves, and a fixed one repeats the readings
 _BLOCKS_ACROSS, _BLOCKS_ALONG = 4, 6
 _BLOCKS = _BLOCKS_ACROSS * _BLOCKS_ALONG  # of the picture, left out in turn; neighbours share their errors
 
@@ -63,7 +64,9 @@ class Reading:
         return self.error / (2 * u) if u > 0 else None
 
 
-def take_readings(probe: Probe, surface: Surface, by_component: ByComponent) -> tuple[Reading, ...]:
+def take_readings(
+    probe: Probe, surface: Surface, by_component: ByComponent, *, seed: int = _DRAW_SEED
+) -> tuple[Reading, ...]:
     """Evaluate a probe on a surface.
 
     Parameters
@@ -75,11 +78,13 @@ def take_readings(probe: Probe, surface: Surface, by_component: ByComponent) -> 
     by_component
         `by_component(u_px, v_px, z_mm)` yields every component of the calibration's uncertainty and the moved points
         (n, 3); see `fringecal.reconstruct.perturbed.points_by_component`.
+    seed
+        Of the draw of points that each component moves.
     """
     cloud = np.stack([np.asarray(m, float) for m in (surface.x, surface.y, surface.z)], axis=-1).reshape(-1, 3)
     width = np.shape(surface.z)[1]
     measured = probe.numbers([cloud[group] for group in probe.groups])
-    thin = [_thinned(group) for group in probe.groups]
+    thin = [_thinned(group, seed) for group in probe.groups]
     base = probe.numbers([cloud[group] for group in thin])
     changes = _changes(probe, thin, cloud, width, base, by_component)
     scatter = _jackknife(probe, thin, cloud, width)
@@ -112,10 +117,10 @@ def readings_table(readings: Sequence[Reading]) -> pd.DataFrame:
     return pd.DataFrame([{c: getattr(r, c) for c in columns} for r in readings])
 
 
-def _thinned(group: NDArray[np.intp]) -> NDArray[np.intp]:
+def _thinned(group: NDArray[np.intp], seed: int) -> NDArray[np.intp]:
     if group.size <= _MOST:
         return group
-    return np.sort(np.random.default_rng(2634).permutation(group)[:_MOST])
+    return np.sort(np.random.default_rng(seed).permutation(group)[:_MOST])
 
 
 def _changes(  # noqa: PLR0913, PLR0917 -- private: what moves, and where

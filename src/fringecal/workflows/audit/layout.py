@@ -8,6 +8,7 @@ from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
+from fringecal.numerics import products_up_to
 from fringecal.projector import RigState, fringe_pitch_mm, pick_points
 
 Array = NDArray[np.float64]
@@ -39,9 +40,7 @@ class Blocks:
 def legendre_terms(u_px: Array, v_px: Array, shape: tuple[int, int], degree: int) -> Array:
     """Return Legendre terms of total degree `degree` over a picture of a shape at pixels, (n, terms)."""
     s, t = 2 * u_px / max(shape[1] - 1, 1) - 1, 2 * v_px / max(shape[0] - 1, 1) - 1
-    vs, vt = legendre.legvander(s, degree), legendre.legvander(t, degree)
-    terms = [(i, n - i) for n in range(degree + 1) for i in range(n + 1)]
-    return np.stack([vs[:, i] * vt[:, j] for i, j in terms], axis=1)
+    return products_up_to(legendre.legvander(s, degree), legendre.legvander(t, degree))
 
 
 def terms_of_map(values: Array, degree: int) -> Array:
