@@ -125,6 +125,9 @@ from .orders.guided import (
     unwrap_guided as unwrap_guided,
 )
 from .orders.multi_period import (
+    NEAR_PLATE_RAD as NEAR_PLATE_RAD,
+)
+from .orders.multi_period import (
     FringeOrders as FringeOrders,
 )
 from .orders.multi_period import (

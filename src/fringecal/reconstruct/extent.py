@@ -15,7 +15,7 @@ from fringecal.reconstruct.perturbed import points_by_component
 Array = NDArray[np.float64]
 
 _THINNED = 40_000  # pixels at which influences are evaluated: their changes are smooth
-_PLATE_SIGMAS = 5.0
+_ABOVE_PLATE = 5.0  # median u(z) above the plate: a normal deviation exceeds it once in 3.5 million
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def extent_of(
     FitError
         Nothing stands so high.
     """
-    least = _PLATE_SIGMAS * float(np.nanmedian(surface.u_z)) if above_mm is None else above_mm
+    least = _ABOVE_PLATE * float(np.nanmedian(surface.u_z)) if above_mm is None else above_mm
     points = _cells(np.stack([np.asarray(m, float) for m in (surface.x, surface.y, surface.z)], axis=-1))
     noise = _cells(np.asarray(surface.u_random, float)[..., None])[..., 0]
     counted = np.nan_to_num(points[..., 2].mean(axis=0), nan=-np.inf) > least

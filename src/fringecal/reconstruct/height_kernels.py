@@ -16,6 +16,9 @@ from fringecal.projector import foot_of_ray
 
 _FAST = {"contract", "nsz"}  # NaN marks masked pixels and must survive
 _STRIP = 256  # pixels of a row taken at a time: fourteen buffers of this length stay in a 32 KiB first-level cache
+CONTINUED = 1.2
+"""Half ranges from the middle of the sampled heights up to which systematic parts are continued: the polynomials of
+`sensitivity` say nothing further out, and its edge holds there."""
 _ROUNDS = 2  # the residual is smooth: each round gains two to three digits, and float32 has seven
 
 
@@ -205,7 +208,7 @@ def _surface_strip(i, first, step, sigma, rig, doubt, buffers, maps):  # type: i
     _heights(rig, rays, phi, buffers[4:10], z, slope)
     height, level = phi, rho
     for j in range(step.size):
-        height[j] = min(max((z[j] - doubt.middle) / doubt.half, -1.2), 1.2)
+        height[j] = min(max((z[j] - doubt.middle) / doubt.half, -CONTINUED), CONTINUED)
     _variance(doubt.rows[i], position, height, level, variance)
     x, y, z_out, u_z, u_random, why = maps
     _add_reasons(step, z, doubt, why)

@@ -15,9 +15,31 @@ from fringecal.numerics import wrap
 
 Array = NDArray[np.float64]
 
-_REACH_RAD = 1.0  # a pixel may be this far from the phase of its level: some 15 % of a fringe's height
-_LEAD_RAD = 0.4  # by which every other level must be farther
-_LEAST_PIXELS = 100  # of a connected top
+
+@dataclass(frozen=True)
+class LevelRules:
+    """When a pixel lies on a known level.
+
+    Parameters
+    ----------
+    reach_rad
+        Most that it may be off the phase of its level, rad: 16 % of a fringe's height, for a rig whose heights are not
+        calibrated yet.
+    lead_rad
+        By how much every other level must be farther, rad: four standard deviations of a noise of 0.1 rad.
+    least_pixels
+        Of a connected top; the border of a shadow and a flank that passes through a level's phase make smaller ones.
+    opening_px
+        Side of the square that must fit into a top, px: a flank's crossing is narrower.
+    """
+
+    reach_rad: float = 1.0
+    lead_rad: float = 0.4
+    least_pixels: int = 100
+    opening_px: int = 5
+
+
+LEVEL_RULES = LevelRules()
 
 
 @dataclass(frozen=True)
@@ -31,7 +53,9 @@ class Levels:
     top: bool = False
 
 
-def steps_at_levels(step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Array) -> Array:
+def steps_at_levels(
+    step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Array, *, rules: LevelRules = LEVEL_RULES
+) -> Array:
     """Return the absolute phase step of the pixels that lie on a known level, NaN elsewhere.
 
     Parameters
@@ -42,6 +66,8 @@ def steps_at_levels(step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Ar
         Where it is known, (H, W).
     predicted_rad
         Absolute phase step of each level at every pixel, (levels, H, W).
+    rules
+        When a pixel lies on a level.
     """
     nearest = np.zeros(step_rad.shape, np.int32)
     best = _distance(step_rad, 0.0)
@@ -51,10 +77,10 @@ def steps_at_levels(step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Ar
         closer = distance < best
         second = np.where(closer, best, np.minimum(second, distance))
         nearest[closer], best = number, np.minimum(best, distance)
-    sure = valid & (best < _REACH_RAD) & (second - best > _LEAD_RAD)
+    sure = valid & (best < rules.reach_rad) & (second - best > rules.lead_rad)
     result = np.full(step_rad.shape, np.nan)
     for number, predicted in enumerate(predicted_rad, start=1):
-        inside = _large_pieces(sure & (nearest == number))
+        inside = _large_pieces(sure & (nearest == number), rules)
         result[inside] = predicted[inside] + wrap(step_rad[inside] - predicted[inside])
     return result
 
@@ -63,9 +89,9 @@ def _distance(step_rad: Array, predicted_rad: Array | float) -> Array:
     return np.abs(wrap(np.nan_to_num(step_rad) - predicted_rad))
 
 
-def _large_pieces(inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _large_pieces(inside: NDArray[np.bool_], rules: LevelRules) -> NDArray[np.bool_]:
     """Leave out specks: a flank that passes through a level's phase, the border of a shadow."""
-    labels, number = ndimage.label(ndimage.binary_opening(inside, np.ones((5, 5), dtype=bool)))
-    large = np.bincount(labels.ravel(), minlength=number + 1) >= _LEAST_PIXELS
+    labels, number = ndimage.label(ndimage.binary_opening(inside, np.ones((rules.opening_px,) * 2, dtype=bool)))
+    large = np.bincount(labels.ravel(), minlength=number + 1) >= rules.least_pixels
     large[0] = False
     return large[labels]

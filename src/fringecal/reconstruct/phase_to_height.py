@@ -20,6 +20,8 @@ Allocate = Callable[[tuple[int, ...], DTypeLike], NDArray[Any]]
 """Returns an array of a shape and a type, as `np.empty` does."""
 
 _SAMPLE = 300  # rows and columns of the sample that says between which heights a surface lies
+_TAIL = 0.001  # share of the sample at either end that may be wrong pixels, whose heights are anything
+_SLOPE_STEP_RAD = 1e-3  # for dz/dphi by differences: far above rounding, and no model bends over it
 
 
 def reconstruct_height(
@@ -97,7 +99,7 @@ def _by_maps(
         reasons[((z < heights_mm[0]) | (z > heights_mm[1])) & (reasons == 0)] = int(Reason.OUT_OF_RANGE)
     reasons[(reasons == 0) & ~np.isfinite(z)] = int(Reason.NO_RAY)
     z = np.where(reasons == 0, z, np.nan)
-    step = 1e-3
+    step = _SLOPE_STEP_RAD
     slope = (height(absolute + step, rays) - height(absolute - step, rays)) / (2 * step)
     random = np.abs(slope) * np.hypot(phase.sigma_rad.astype(float), calibration.excess_rad)
     x, y = rays.at(z)
@@ -114,7 +116,7 @@ def _range_of(phase: ObjectPhase, calibration: RigCalibration, model: str) -> tu
     known = z[np.isfinite(z)]
     if known.size == 0:
         return 0.0, 1.0
-    low, high = np.quantile(known, [0.001, 0.999])
+    low, high = np.quantile(known, [_TAIL, 1 - _TAIL])
     return float(low), float(high)
 
 

@@ -8,19 +8,51 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
+from fringecal.phase import NEAR_PLATE_RAD
 
 Array = NDArray[np.float64]
 
-_NEAR_PLATE = 0.35  # rad; a plate pixel's phase differs from the model by noise and ripple only
-_MIN_PLATE_PIXELS = 200
-_MIN_SHARE = 0.02  # of a piece's pixels that must be plate, unless they are very many
-_MANY = 2000
-_MOST_LEVELS = 60  # fringes above or below the plate that are looked at
-_STRIPS = 8  # of the picture, counted at once
-_SAMPLE = 2000  # pixels of a piece at which the heights of an order are looked at
-_TOP_MM, _TOP_SHARE = 0.15, 0.02  # how far a piece's top may lie from the known one that decides its order
-_BELOW = 0.1  # of a cycle below the plate, where pieces are looked for too
-_TOP = 0.995  # quantile of a piece's heights that is its top
+_MOST_LEVELS = 60  # fringes above or below the plate that are looked at: 480 mm at 8 mm pitch and 45 deg
+_STRIPS = 8  # of the picture, counted at once, each with votes of its own
+_FLAT_OVER_PX = 2  # to either side, over which a plate pixel's neighbours have nearly its step
+
+
+@dataclass(frozen=True)
+class PieceRules:
+    """When the order of a connected piece is decided by the plate in it, or by the heights it can have.
+
+    Parameters
+    ----------
+    plate_pixels
+        Least number of pixels on the plate's phase; in fewer, a flank that passes through it would decide.
+    plate_share, many_pixels
+        Share of a piece's pixels that must be on the plate's phase, unless there are so many: in a large piece chance
+        alone brings hundreds there.
+    sample
+        Pixels of a piece at which the heights of an order are looked at: a share of 2 % is then known to 0.3 %.
+    inside
+        Share of them that must lie in the stated range of heights; what is left to wrong pixels is 2 %.
+    top_quantile
+        Of a piece's heights, that is its top: beyond it wrong pixels may lie.
+    top_mm, top_share
+        How far a piece's top may lie from the known one that decides its order: so much, and this share of the height,
+        for a rig that is not calibrated yet; a fringe is several mm.
+    below
+        Share of a cycle below the plate in which pieces are looked for too; as much is lost above.
+    """
+
+    plate_pixels: int = 200
+    plate_share: float = 0.02
+    many_pixels: int = 2000
+    sample: int = 2000
+    inside: float = 0.98
+    top_quantile: float = 0.995
+    top_mm: float = 0.15
+    top_share: float = 0.02
+    below: float = 0.1
+
+
+PIECE_RULES = PieceRules()
 
 HeightOf = Callable[[Array, NDArray[np.intp]], Array]
 """Heights (mm) of phase steps (rad) at flat pixel indices."""
@@ -52,6 +84,7 @@ def decide_pieces(
     fringes_per_turn: int = 1,
     rising: int = 1,
     range_turns: tuple[float, float] = (0.0, 0.0),
+    rules: PieceRules = PIECE_RULES,
 ) -> PieceOrders:
     """Add to each piece the multiple of a turn at which its plate pixels lie on the plate.
 
@@ -71,21 +104,23 @@ def decide_pieces(
         What the step is known up to: one fringe, or the cycle of several periods; sign of the step of what stands on
         the plate; cycles between which the stated heights lie. With several periods every pixel lies in the one cycle
         above the plate, unless stated heights or a piece with plate reach beyond that.
+    rules
+        When an order is decided.
     """
     number = int(pieces.max(initial=0))
     turn = TURN * fringes_per_turn
-    levels, counts, sizes = _plate_votes(step_rad, pieces, number, turn)
+    levels, counts, sizes = _plate_votes(step_rad, pieces, number, turn, rules.plate_pixels)
     orders: dict[int, int | None] = {}
     for piece in (np.flatnonzero(sizes[1:]) + 1).tolist():
-        enough = max(_MIN_PLATE_PIXELS, min(_MANY, int(_MIN_SHARE * sizes[piece])))
+        enough = max(rules.plate_pixels, min(rules.many_pixels, int(rules.plate_share * sizes[piece])))
         orders[piece] = -int(levels[piece]) if counts[piece] >= enough else None
-    below = max(_BELOW, -range_turns[0])
+    below = max(rules.below, -range_turns[0])
     fits = fringes_per_turn > 1 and range_turns[1] + below <= 1
-    if fits and not _leaves_cycle(step_rad, pieces, orders, rising * turn, below):
+    if fits and not _leaves_cycle(step_rad, pieces, orders, rising * turn, below, rules.plate_pixels):
         return PieceOrders(_in_cycle(step_rad, rising * turn, below), dict.fromkeys(orders, 0))
     if height_of is not None and height_range_mm is not None:
         for piece, pixels in _pixels_of(pieces, [p for p, order in orders.items() if order is None]):
-            orders[piece] = _order_by_height(step_rad, pixels, turn, height_of, height_range_mm, tops_mm)
+            orders[piece] = _order_by_height(step_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
     turns = np.full(number + 1, np.nan)
     for piece, order in orders.items():
         turns[piece] = np.nan if order is None else turn * order
@@ -95,14 +130,14 @@ def decide_pieces(
 
 
 def _plate_votes(
-    step: Array, pieces: NDArray[np.integer], number: int, turn: float
+    step: Array, pieces: NDArray[np.integer], number: int, turn: float, least: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return for every piece the fringe level near which most of its flat pixels lie, how many do, and its size.
 
     Pieces that are too small to be decided by the plate have no votes.
     """
     sizes = _sizes(pieces, number)
-    large = sizes >= _MIN_PLATE_PIXELS
+    large = sizes >= least
     large[0] = False
     rows = np.where(large, np.cumsum(large), 0)
     votes = np.zeros((_STRIPS, int(large.sum()) + 1, 2 * _MOST_LEVELS + 1), np.int32)
@@ -128,16 +163,17 @@ def _count_levels(step, pieces, rows, turn, votes):  # type: ignore[no-untyped-d
     """
     height, width = step.shape
     for s in prange(votes.shape[0]):
-        first, last = max(2, height * s // votes.shape[0]), min(height - 2, height * (s + 1) // votes.shape[0])
+        first = max(_FLAT_OVER_PX, height * s // votes.shape[0])
+        last = min(height - _FLAT_OVER_PX, height * (s + 1) // votes.shape[0])
         for v in range(first, last):
-            for u in range(2, width - 2):
+            for u in range(_FLAT_OVER_PX, width - _FLAT_OVER_PX):
                 value = step[v, u]
                 level = np.rint(value / turn)
-                if not (abs(value - turn * level) < _NEAR_PLATE and abs(level) <= _MOST_LEVELS):
+                if not (abs(value - turn * level) < NEAR_PLATE_RAD and abs(level) <= _MOST_LEVELS):
                     continue
-                across = abs(step[v, u + 2] - step[v, u - 2])
-                along = abs(step[v + 2, u] - step[v - 2, u])
-                if across < 2 * _NEAR_PLATE and along < 2 * _NEAR_PLATE:
+                across = abs(step[v, u + _FLAT_OVER_PX] - step[v, u - _FLAT_OVER_PX])
+                along = abs(step[v + _FLAT_OVER_PX, u] - step[v - _FLAT_OVER_PX, u])
+                if across < 2 * NEAR_PLATE_RAD and along < 2 * NEAR_PLATE_RAD:
                     votes[s, rows[pieces[v, u]], int(level) + _MOST_LEVELS] += 1
 
 
@@ -162,13 +198,13 @@ def _pixels_of(pieces: NDArray[np.integer], wanted: list[int]) -> Iterator[tuple
 
 
 def _leaves_cycle(
-    step: Array, pieces: NDArray[np.integer], orders: dict[int, int | None], turn: float, below: float
+    step: Array, pieces: NDArray[np.integer], orders: dict[int, int | None], turn: float, below: float, most: int
 ) -> bool:
-    """Tell whether what hangs together with the plate reaches beyond the one cycle that begins a little below it."""
+    """Tell whether more than so many pixels of what hangs together with the plate lie beyond the cycle about it."""
     decided = {piece: order for piece, order in orders.items() if order is not None}
     for piece, pixels in _pixels_of(pieces, list(decided)):
         cycles = step.ravel()[pixels] / turn + np.sign(turn) * decided[piece]
-        if np.count_nonzero((cycles < -below) | (cycles > 1 - below)) > _MIN_PLATE_PIXELS:
+        if np.count_nonzero((cycles < -below) | (cycles > 1 - below)) > most:
             return True
     return False
 
@@ -178,26 +214,32 @@ def _in_cycle(step: Array, turn: float, below: float) -> Array:
     return step - turn * np.floor(step / turn + below)
 
 
-def _order_by_height(
+def _order_by_height(  # noqa: PLR0913, PLR0917 -- private: a piece, its heights, and what they may be
     step: Array,
     pixels: NDArray[np.intp],
     turn: float,
     height_of: HeightOf,
     height_range: tuple[float, float],
     tops_mm: tuple[float, ...],
+    rules: PieceRules,
 ) -> int | None:
     """Find the only order at which a piece lies in the range, or, of several, ends at a known top."""
-    chosen = pixels[:: max(1, pixels.size // _SAMPLE)]
+    chosen = pixels[:: max(1, pixels.size // rules.sample)]
     values = step.ravel()[chosen]
     low, high = height_range
     orders = np.arange(-_MOST_LEVELS, _MOST_LEVELS + 1)
     heights = height_of(values + turn * orders[:, None], chosen)
-    inside = np.mean((heights > low) & (heights < high), axis=1) > 0.98
+    inside = np.mean((heights > low) & (heights < high), axis=1) > rules.inside
     fitting = {int(order): z for order, z in zip(orders[inside], heights[inside], strict=True)}
     if tops_mm:
-        fitting = {order: z for order, z in fitting.items() if _ends_at(float(np.quantile(z, _TOP)), tops_mm)}
+        fitting = {
+            order: z
+            for order, z in fitting.items()
+            if _ends_at(float(np.quantile(z, rules.top_quantile)), tops_mm, rules)
+        }
     return next(iter(fitting)) if len(fitting) == 1 else None
 
 
-def _ends_at(top_mm: float, tops_mm: tuple[float, ...]) -> bool:
-    return any(abs(top_mm - known) < _TOP_MM + _TOP_SHARE * known for known in tops_mm)
+def _ends_at(heights_mm: Array, tops_mm: tuple[float, ...], rules: PieceRules) -> bool:
+    top_mm = float(np.quantile(heights_mm, rules.top_quantile))
+    return any(abs(top_mm - known) < rules.top_mm + rules.top_share * known for known in tops_mm)

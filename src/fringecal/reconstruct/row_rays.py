@@ -19,6 +19,7 @@ from fringecal.reconstruct.sensitivity import Sensitivities
 Array = NDArray[np.float64]
 
 _DEGREES = (3, 7, 11, 15)  # tried in turn; beyond, powers of the position lose digits
+_ROUNDING = 1e-12  # mm and slopes: for a camera whose rays are parallel, whose slopes are 0
 _TOLERANCE = 1e-7  # of the largest coordinate: 0.03 um on a plate of 300 mm
 
 
@@ -86,7 +87,7 @@ def _holds(camera: PlateCamera, rows: RowRays) -> bool:
     between = np.cos(np.pi * np.arange(degree + 2) / (degree + 1))
     exact = _rays_at(camera, between)
     found = rows.coefficients @ np.vander(between, degree + 1, increasing=True).T
-    return bool(np.all(np.abs(found - exact) <= _TOLERANCE * np.abs(exact).max(axis=(0, 2))[None, :, None] + 1e-12))
+    return bool(np.all(np.abs(found - exact) <= _TOLERANCE * np.abs(exact).max(axis=(0, 2))[None, :, None] + _ROUNDING))
 
 
 def rig_rows(calibration: RigCalibration) -> Rig | None:

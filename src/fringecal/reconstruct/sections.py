@@ -13,7 +13,7 @@ from fringecal.uncertainty import Source
 
 Array = NDArray[np.float64]
 
-_LEAST_POINTS = 10
+_LEAST_POINTS = 10  # measured points of a row: from fewer no profile is drawn
 
 
 @dataclass(frozen=True)

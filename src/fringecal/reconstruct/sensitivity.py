@@ -12,13 +12,15 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.projector import RigCalibration, height_changes
+from fringecal.reconstruct.height_kernels import CONTINUED
 from fringecal.uncertainty import Source
 
 Array = NDArray[np.float64]
 
-_NODES = 13  # lattice nodes along each picture axis
-_DEGREE = 7  # of the polynomial along each picture axis
-_HEIGHTS = 6  # height levels, and one more than the degree in z
+_NODES = 13  # lattice nodes along each picture axis: for eight terms, so that a deviation between nodes is fitted out
+_DEGREE = 7  # of the polynomial along each picture axis: a lens bends by the third and the fifth power of the radius
+_HEIGHTS = 6  # height levels, and one more than the degree in z: a change of z is nearly quadratic in z
+_LEAST_RANGE_MM = 1.0  # between lowest and highest level: a narrower range would divide by nothing
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class Sensitivities:
 
     def _unit_height(self, z: Array) -> Array:
         low, high = self.z_range_mm
-        return np.clip((2 * z - low - high) / (high - low), -1.2, 1.2)
+        return np.clip((2 * z - low - high) / (high - low), -CONTINUED, CONTINUED)
 
     def _bases(self) -> tuple[Array, Array]:
         degree = self.coefficients.shape[2] - 1
@@ -93,7 +95,7 @@ def height_sensitivities(
         Name of a height model.
     """
     low, high = z_range_mm
-    middle, half = (low + high) / 2, max((high - low) / 2, 0.5)
+    middle, half = (low + high) / 2, max(high - low, _LEAST_RANGE_MM) / 2
     shape = (calibration.camera.height_px, calibration.camera.width_px)
     v, u = (np.rint((1 - np.cos(np.pi * (np.arange(_NODES) + 0.5) / _NODES)) / 2 * (n - 1)) for n in shape)
     uu, vv = np.meshgrid(u, v)

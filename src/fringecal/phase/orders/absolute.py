@@ -12,10 +12,38 @@ from fringecal.phase.orders.multi_period import FringeOrders
 from fringecal.phase.orders.order_kernels import hang_together
 from fringecal.phase.unwrapping.spatial import Unwrapped
 
-_CONTINUES_RAD = 2.0  # most that neighbours on one surface differ by
-_SMOOTH_RAD, _SMOOTH_SIGMAS = 0.6, 6.0  # bend of a surface; more is an edge
-_BESIDE_EDGE = 0.01  # of the picture's shorter side: kept off edges, so that no gap in one is passed
-_EDGE = 1e-4  # share of the largest piece at either end of its range that may be an error
+_WRONG_SHARE = 1e-4  # of the largest piece, at either end of its range, that may be wrong orders and does not count
+
+
+@dataclass(frozen=True)
+class EdgeRules:
+    """Where a surface ends, for what hangs together to be counted.
+
+    Parameters
+    ----------
+    continues_rad
+        Most that neighbours on one surface differ by, rad: of half a turn, 1.1 rad is left to noise.
+    bend_rad, bend_sigmas
+        Second difference from which a pixel is an edge: the larger of a tenth of a fringe and so many robust standard
+        deviations of the picture's own. Below, noise would cut a surface; above, a step of a tenth of a fringe would
+        pass for a slope.
+    rough_share
+        Share of a pixel's 3 x 3 neighbourhood that must be edge: three of nine, which a line through it is and a
+        single outlier is not.
+    beside, beside_px
+        How far pieces keep off edges, so that a gap in an edge is not passed: share of the picture's shorter side, and
+        least, px.
+    """
+
+    continues_rad: float = 2.0
+    bend_rad: float = 0.6
+    bend_sigmas: float = 6.0
+    rough_share: float = 0.3
+    beside: float = 0.01
+    beside_px: int = 2
+
+
+EDGE_RULES = EdgeRules()
 
 
 @dataclass(frozen=True)
@@ -50,7 +78,7 @@ class AbsolutePhase:
         )
 
 
-def pieces_in_cycles(phase: NDArray[np.floating], cycle: int) -> Unwrapped:
+def pieces_in_cycles(phase: NDArray[np.floating], cycle: int, *, edges: EdgeRules = EDGE_RULES) -> Unwrapped:
     """Return the pieces that hang together, each without jumps of whole cycles.
 
     Parameters
@@ -59,6 +87,8 @@ def pieces_in_cycles(phase: NDArray[np.floating], cycle: int) -> Unwrapped:
         Phase that is known up to cycles, rad, (H, W); NaN where masked.
     cycle
         Fringes of a cycle.
+    edges
+        Where a surface ends.
 
     Notes
     -----
@@ -68,10 +98,11 @@ def pieces_in_cycles(phase: NDArray[np.floating], cycle: int) -> Unwrapped:
     turn = TURN * cycle
     bend = _bend(phase, turn)
     noise = robust_sd(bend, about=0)
-    rough = ndimage.uniform_filter((bend > max(_SMOOTH_RAD, _SMOOTH_SIGMAS * noise)).astype(np.float32), 3) > 0.3
-    reach = max(2, round(_BESIDE_EDGE * min(phase.shape)))
+    bent = bend > max(edges.bend_rad, edges.bend_sigmas * noise)
+    rough = ndimage.uniform_filter(bent.astype(np.float32), 3) > edges.rough_share
+    reach = max(edges.beside_px, round(edges.beside * min(phase.shape)))
     inner = ndimage.distance_transform_edt(~rough) > reach if rough.any() else np.ones(phase.shape, bool)
-    return Unwrapped(*hang_together(np.where(inner, phase, np.nan), turn, _CONTINUES_RAD))
+    return Unwrapped(*hang_together(np.where(inner, phase, np.nan), turn, edges.continues_rad))
 
 
 def _bend(phase: NDArray[np.floating], turn: float) -> NDArray[np.float64]:
@@ -108,7 +139,7 @@ def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
     sizes = np.bincount(found.pieces.ravel(), minlength=2)
     sizes[0] = 0
     main = found.pieces == sizes.argmax()
-    low, high = np.quantile(found.phase[main], [_EDGE, 1 - _EDGE]) if main.any() else (0.0, np.inf)
+    low, high = np.quantile(found.phase[main], [_WRONG_SHARE, 1 - _WRONG_SHARE]) if main.any() else (0.0, np.inf)
     in_one_cycle = bool(high - low < turn)
     phase = np.where(main, found.phase, np.nan)
     if in_one_cycle:

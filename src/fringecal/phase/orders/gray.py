@@ -6,6 +6,9 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.numerics import TURN
 
+_MOST_BITS = 30  # that an int32 holds with its sign to spare
+_CLEAR_BIT = 1 / 8  # of the contrast, off the middle: blur at a bit's edge passes through what lies nearer
+
 
 def decode_gray(
     frames: ArrayLike, white: ArrayLike, black: ArrayLike, *, least_contrast: float = 5.0
@@ -19,7 +22,8 @@ def decode_gray(
     white, black
         The same scene fully lit and unlit, (H, W).
     least_contrast
-        Grey levels between white and black that a pixel needs.
+        Grey levels between white and black that a pixel needs; with 5, an eighth of it is more than half a level of
+        rounding.
 
     Returns
     -------
@@ -40,10 +44,10 @@ def decode_gray(
     """
     grey = np.asarray(frames)
     light, dark = np.asarray(white, np.float32), np.asarray(black, np.float32)
-    if grey.ndim != 3 or grey.shape[1:] != light.shape or light.shape != dark.shape or not 1 <= len(grey) <= 30:
+    if grey.ndim != 3 or grey.shape[1:] != light.shape or light.shape != dark.shape or not 1 <= len(grey) <= _MOST_BITS:
         raise PhaseError(
             f"found Gray-code frames of shape {grey.shape}, white {light.shape}, black {dark.shape}; "
-            "needed: (bits, height, width) with 1 to 30 bits, and two pictures of the same size"
+            f"needed: (bits, height, width) with 1 to {_MOST_BITS} bits, and two pictures of the same size"
         )
     middle, contrast = (light + dark) / 2, light - dark
     valid = contrast >= least_contrast
@@ -52,7 +56,7 @@ def decode_gray(
     for frame in grey:
         bit ^= (frame > middle).astype(np.int32)  # binary from Gray: each bit is the sum of all above it
         code = 2 * code + bit
-        valid &= np.abs(frame - middle) > contrast / 8
+        valid &= np.abs(frame - middle) > _CLEAR_BIT * contrast
     return code, valid
 
 

@@ -1,5 +1,7 @@
 """Fringe orders from a Gray code taken beside the fringes: how code and fringes lie to one another is found."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -10,14 +12,45 @@ from fringecal.phase.orders import order_kernels
 from fringecal.phase.orders.gray import decode_gray
 from fringecal.phase.orders.multi_period import FringeOrders
 
-_LEAST_EDGES = 50  # pixels at which the code goes on by one
-_AGREED = 0.5  # length of a mean direction; that of phases spread evenly over half a turn is 0.64
-_BESIDE_EDGE_RAD = 0.9  # about a seventh of a fringe: what blur and noise move an edge by
-_LEAST_DECIDED = 0.5
-_ROUNDS = 3
+
+@dataclass(frozen=True)
+class GrayRules:
+    """When a Gray code and fringes belong together, and how near to the code's edges it is not asked.
+
+    Parameters
+    ----------
+    least_edges
+        Pixels at which the code goes on by one; from fewer, the mean phase there is no better than 1 / sqrt(50) of a
+        radian if they scatter by one.
+    least_agreement
+        Length of the mean direction of the phases at the code's edges, 0 to 1: that of phases spread evenly over half
+        a turn is 0.64, over a whole turn 0.
+    beside_edge_rad
+        Phase about an edge of the code within which neighbours decide, rad: a seventh of a fringe, more than blur and
+        noise move an edge by. Towards half a turn nothing would be left that the code decides.
+    least_decided
+        Share of the pixels with a phase that the code must decide: below half, more is open than known, and the code
+        is of another scene or its bits are in another order.
+    rounds
+        Passes in which pixels beside an edge continue their neighbours, each two pixels wide.
+    numbers_from, numbers_to
+        Numbers of the code counted for each fringe, over the nearest whole number: edges that a slanting surface hides
+        make fewer, noise makes more.
+    """
+
+    least_edges: int = 50
+    least_agreement: float = 0.5
+    beside_edge_rad: float = 0.9
+    least_decided: float = 0.5
+    rounds: int = 3
+    numbers_from: float = 0.6
+    numbers_to: float = 1.5
 
 
-def orders_by_gray(map_: PhaseMap, frames: ArrayLike) -> FringeOrders:
+GRAY_RULES = GrayRules()
+
+
+def orders_by_gray(map_: PhaseMap, frames: ArrayLike, *, rules: GrayRules = GRAY_RULES) -> FringeOrders:
     """Decide the order of fringes by a Gray code.
 
     Parameters
@@ -26,6 +59,8 @@ def orders_by_gray(map_: PhaseMap, frames: ArrayLike) -> FringeOrders:
         The fringes' phase; background and modulation say what is bright and dark in the code's frames.
     frames
         Gray-code frames, (K, H, W), the coarsest bit first.
+    rules
+        When code and fringes belong together.
 
     Notes
     -----
@@ -40,34 +75,35 @@ def orders_by_gray(map_: PhaseMap, frames: ArrayLike) -> FringeOrders:
     """
     code, valid = decode_gray(frames, map_.background + map_.modulation, map_.background - map_.modulation)
     valid &= map_.valid
-    steps, edge_phase = _edges(code, valid, map_.phase)
-    per_fringe = _numbers_per_fringe(code, valid, map_.phase, steps)
+    steps, edge_phase = _edges(code, valid, map_.phase, rules)
+    per_fringe = _numbers_per_fringe(code, valid, map_.phase, steps, rules)
     rising = np.sign(per_fringe)
     number = rising * code
     if abs(per_fringe) == 1:
         # Counted from the phase at which the code goes on; its turn is cut where no sensible code has its edges.
-        start = _cut(_mean_angle(edge_phase))
+        start = _cut(_mean_angle(edge_phase, rules))
         rough = TURN * (number + 0.5) + start
     else:
         rough = TURN * (number + 0.5) / abs(per_fringe)
-        start = _cut(_mean_angle((map_.phase - rough)[valid]))
+        start = _cut(_mean_angle((map_.phase - rough)[valid], rules))
         rough = rough + start
     turns = (rough - map_.phase) / TURN
-    clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - _BESIDE_EDGE_RAD / TURN * (abs(per_fringe) == 1))
+    beside = rules.beside_edge_rad / TURN * (abs(per_fringe) == 1)
+    clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - beside)
     cycle = max(2 ** len(np.asarray(frames)) // abs(per_fringe), 1)
     lower = np.where(valid, map_.phase + TURN * np.floor(turns), np.nan)
-    return _orders(np.where(clear, map_.phase + TURN * np.rint(turns), np.nan), lower, map_, cycle)
+    return _orders(np.where(clear, map_.phase + TURN * np.rint(turns), np.nan), lower, map_, cycle, rules)
 
 
-def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int) -> FringeOrders:
+def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int, rules: GrayRules) -> FringeOrders:
     """Let pixels beside the code's edges continue their neighbours, and count what stays open."""
     known = clear.astype(np.float32)
-    for _ in range(_ROUNDS):
+    for _ in range(rules.rounds):
         known = order_kernels.chosen(known, lower.astype(np.float32))
     known[order_kernels.alone(known, TURN * cycle)] = np.nan
     count = max(int(map_.valid.sum()), 1)
     decided = np.isfinite(known)
-    if decided.sum() < _LEAST_DECIDED * count:
+    if decided.sum() < rules.least_decided * count:
         raise PhaseError(
             f"the Gray code decides the order of {decided.sum() / count:.0%} of the pixels only: check that it was "
             "taken of the same scene, the coarsest bit first, bright where the bit is 1"
@@ -76,7 +112,7 @@ def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int) -> Fring
     return FringeOrders(known, cycle, (), (), 0.0, asked, float((map_.valid & ~decided).sum() / count))
 
 
-def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray) -> tuple[NDArray, NDArray]:
+def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayRules) -> tuple[NDArray, NDArray]:
     """Return steps of one of the code between neighbours with the phase's change there, and the phase at them."""
     changes, phases = [], []
     for axis in (0, 1):
@@ -88,7 +124,7 @@ def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray) -> tuple[NDA
         changes.append((second - first)[at] * change)
         phases.append(here[at] + change / 2)
     found = np.concatenate(changes)
-    if found.size < _LEAST_EDGES:
+    if found.size < rules.least_edges:
         raise PhaseError(
             f"the Gray code goes on by one at {found.size} pixels only: check that its frames show the same scene, "
             "the coarsest bit first"
@@ -96,7 +132,9 @@ def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray) -> tuple[NDA
     return found, np.concatenate(phases)
 
 
-def _numbers_per_fringe(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, steps: NDArray) -> int:
+def _numbers_per_fringe(
+    code: NDArray, valid: NDArray[np.bool_], phase: NDArray, steps: NDArray, rules: GrayRules
+) -> int:
     """Return the code's numbers for each fringe, negative if it falls where the phase rises."""
     total = code_steps = 0.0
     for axis in (0, 1):
@@ -107,14 +145,14 @@ def _numbers_per_fringe(code: NDArray, valid: NDArray[np.bool_], phase: NDArray,
         code_steps += float(np.abs(step[small]).sum())
     ratio = TURN * code_steps / max(total, 1e-9)
     nearest = max(1, round(ratio))
-    if not 0.6 < ratio / nearest < 1.5:
+    if not rules.numbers_from < ratio / nearest < rules.numbers_to:
         raise PhaseError(
             f"the Gray code has {ratio:.2f} numbers for each fringe; needed: one, or a whole number of them"
         )
     return nearest if np.sum(steps > 0) >= np.sum(steps < 0) else -nearest
 
 
-def _mean_angle(phase: NDArray) -> float:
+def _mean_angle(phase: NDArray, rules: GrayRules) -> float:
     """Return the mean direction of phases, rad.
 
     Raises
@@ -123,7 +161,7 @@ def _mean_angle(phase: NDArray) -> float:
         They have none: code and fringes do not belong together.
     """
     mean = np.mean(np.exp(1j * phase))
-    if abs(mean) < _AGREED:
+    if abs(mean) < rules.least_agreement:
         raise PhaseError(
             "the Gray code goes on at any phase of the fringes: check that both were taken of one scene, and the order "
             "of the code's frames (the coarsest bit first)"

@@ -13,20 +13,65 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, wrap
 from fringecal.phase.orders import order_kernels
 
-_MOST_FRINGES = 1024
-_CLOSES, _MEETS = 0.5, 0.04  # a cycle ends where periods meet again: closer by this factor than before, in turns
-_CLEAR = 15.0  # lead in misfit: the second best order is right once in 10 000
-_MOST_MISFIT = 25.0
-_WRONG_PERIODS = 4.0  # mean misfit per further period; 1 where they are right
-_MODEL_RAD = 0.02  # what is left of ripple when steps and gamma are undone
-_MOST_MODEL = 0.1  # of the distance between two orders
-_SEEN = 6.0  # standard uncertainties between two orders, for a zero to be found
-_SAMPLE = 40_000
-_NEAR_PLATE = 0.35  # rad; a plate pixel's phase differs from the rig's by noise and ripple only
-_LEAST_VOTES, _LEAD = 200, 3
+NEAR_PLATE_RAD = 0.35
+"""Most that a pixel of bare plate may be off the plate's phase, as a rig or a model counts it, rad.
+
+Three standard deviations of a noise of 0.1 rad, with a little ripple. A surface that passes through the phase of the
+plate does so over a ninth of a fringe; twice as far, over two ninths.
+"""
+
+_MOST_FRINGES = 1024  # of a cycle: 1024 orders are tried at every pixel, and a projector shows no more fringes
+# A cycle ends where the periods meet again: to within 0.25 rad, which noise hides, and so much closer than before.
+_MEETS_TURNS, _CLOSER = 0.04, 0.5
+_RATIO_TOLERANCE = 1e-4  # of a ratio of periods, within which two sets are of the same periods
+_LEAST_VOTES, _LEAD = 200, 3  # px that agree on the plate's number, and times as many as for any other number
+_CHI2_MEDIAN = 0.455  # median of chi squared with one degree of freedom
+
+
+@dataclass(frozen=True)
+class OrderRules:
+    """When longer periods decide the order of a fringe. Misfits are squares in standard uncertainties.
+
+    Parameters
+    ----------
+    clear
+        Lead in misfit over the second best order from which a pixel decides by itself: the likelihood of the second
+        is exp(-15 / 2) of the first's, 1 in 1800.
+    most_misfit
+        Misfit per further period up to which a pixel's best order is believed: five standard uncertainties.
+    wrong_periods
+        Median misfit per further period from which the stated periods are refused; 1 where they are right, and twice
+        the stated uncertainty makes 4.
+    model_rad
+        Standard uncertainty of each longer phase beside noise, rad: what is left of ripple when phase shifts and gamma
+        are undone (0.001 to 0.02 rad, docs/phase.md).
+    most_model
+        Share of the distance between two orders that further ripple, as the pictures show it, may add to the
+        uncertainty; more, and the orders' own distance would be taken for ripple.
+    seen
+        Distance between two orders in standard uncertainties from which an offset of the longer fringe is looked for.
+    least_agreement, least_offset
+        An offset is believed from this length of the mean direction of the remainders (0 to 1), and this share of the
+        distance between two orders; a smaller one is noise, and harmless.
+    sample
+        Pixels from which misfits are taken: their median is known to 1 %.
+    """
+
+    clear: float = 15.0
+    most_misfit: float = 25.0
+    wrong_periods: float = 4.0
+    model_rad: float = 0.02
+    most_model: float = 0.1
+    seen: float = 6.0
+    least_agreement: float = 0.5
+    least_offset: float = 0.05
+    sample: int = 40_000
+
+
+ORDER_RULES = OrderRules()
 
 
 @dataclass(frozen=True)
@@ -107,7 +152,7 @@ class PlateOrders:
         """Return the fringes to be added to a capture's orders; None if its periods are others."""
         if (orders.cycle, len(orders.ratios)) != (self.cycle, len(self.ratios)):
             return None
-        if not np.allclose(orders.ratios, self.ratios, rtol=1e-4):
+        if not np.allclose(orders.ratios, self.ratios, rtol=_RATIO_TOLERANCE):
             return None
         if not self.ratios:
             return self.number
@@ -134,7 +179,7 @@ def plate_number(orders: FringeOrders, plate_rad: ArrayLike) -> int | None:
     """
     turns = (np.asarray(plate_rad) - orders.phase) / TURN
     near = np.rint(turns)
-    on_plate = np.abs(turns - near) < _NEAR_PLATE / TURN  # false where either is missing
+    on_plate = np.abs(turns - near) < NEAR_PLATE_RAD / TURN  # false where either is missing
     votes = np.bincount(near[on_plate].astype(np.int64) % orders.cycle, minlength=2)
     first, second = np.sort(votes)[::-1][:2]
     return int(votes.argmax()) if first >= max(_LEAST_VOTES, _LEAD * second) else None
@@ -169,13 +214,15 @@ def cycle_of(ratios: ArrayLike) -> int:
     turns = np.outer(np.arange(1, _MOST_FRINGES + 1), shares)
     apart = np.abs(turns - np.rint(turns)).max(axis=1)
     closest = np.minimum.accumulate(np.concatenate([[np.inf], apart[:-1]]))
-    closing = np.flatnonzero((apart < np.minimum(_CLOSES * closest, _MEETS)) & np.isfinite(closest))
+    closing = np.flatnonzero((apart < np.minimum(_CLOSER * closest, _MEETS_TURNS)) & np.isfinite(closest))
     if closing.size == 0:
         raise PhaseError(f"periods with ratios {shares.tolist()} do not meet again within {_MOST_FRINGES} fringes")
     return int(closing[0]) + 1
 
 
-def decide_orders(phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float]) -> FringeOrders:
+def decide_orders(
+    phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float], *, rules: OrderRules = ORDER_RULES
+) -> FringeOrders:
     """Decide the order of the shortest fringe at each pixel from the longer ones.
 
     Parameters
@@ -186,6 +233,8 @@ def decide_orders(phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float]
         Their standard uncertainties, rad, (K, H, W).
     periods
         Fringe periods in any one unit, in the order of the maps; all fringes rise the same way.
+    rules
+        When an order is decided.
 
     Notes
     -----
@@ -209,10 +258,10 @@ def decide_orders(phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float]
     ratios = lengths[fine] / lengths[others]
     cycle = cycle_of(ratios)
     phi, sigma = maps[fine], doubts[fine]
-    long, u_long = np.ascontiguousarray(maps[others]), _combined(doubts[others], sigma, ratios)
-    zeros = np.array([_zero(phi, *pair) for pair in zip(long, u_long, ratios, strict=True)])
-    u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths)
-    order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, _CLEAR, _MOST_MISFIT)
+    long, u_long = np.ascontiguousarray(maps[others]), _combined(doubts[others], sigma, ratios, rules)
+    zeros = np.array([_zero(phi, *pair, rules) for pair in zip(long, u_long, ratios, strict=True)])
+    u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths, rules)
+    order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, rules.clear, rules.most_misfit)
     absolute = np.where(order >= 0, phi + np.float32(TURN) * order, np.float32(np.nan)).astype(np.float32)
     absolute[order_kernels.alone(absolute, TURN * cycle)] = np.nan
     known, valid = np.isfinite(absolute), np.isfinite(phi)
@@ -222,7 +271,7 @@ def decide_orders(phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float]
         cycle=cycle,
         ratios=tuple(ratios.tolist()),
         zeros_rad=tuple(zeros.tolist()),
-        error_rate=_error_rate(_sampled(phi, long, u_long)[2], ratios, cycle),
+        error_rate=_error_rate(_sampled(phi, long, u_long, rules)[2], ratios, cycle),
         asked=float((asked & known).sum() / count),
         undecided=float((valid & ~known).sum() / count),
     )
@@ -239,9 +288,9 @@ def _demand(maps: NDArray, doubts: NDArray, periods: NDArray) -> None:
         raise PhaseError(f"found periods {periods.tolist()}; needed: positive and all different")
 
 
-def _combined(doubts: NDArray, sigma: NDArray, ratios: NDArray) -> NDArray[np.float32]:
+def _combined(doubts: NDArray, sigma: NDArray, ratios: NDArray, rules: OrderRules) -> NDArray[np.float32]:
     """Return the uncertainty of each longer phase against what the shortest says of it, (K - 1, H, W)."""
-    rows = [np.sqrt(d**2 + (r * sigma) ** 2 + _MODEL_RAD**2) for d, r in zip(doubts, ratios, strict=True)]
+    rows = [np.sqrt(d**2 + (r * sigma) ** 2 + rules.model_rad**2) for d, r in zip(doubts, ratios, strict=True)]
     return np.asarray(rows, np.float32)
 
 
@@ -252,15 +301,22 @@ def _nearest(ratios: ArrayLike, cycle: int) -> float:
 
 
 def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders are decided from
-    phi: NDArray, long: NDArray, u_long: NDArray, ratios: NDArray, zeros: NDArray, cycle: int, periods: NDArray
+    phi: NDArray,
+    long: NDArray,
+    u_long: NDArray,
+    ratios: NDArray,
+    zeros: NDArray,
+    cycle: int,
+    periods: NDArray,
+    rules: OrderRules,
 ) -> NDArray[np.float32]:
     """Add to the uncertainties what the pictures show beyond noise, if it is small beside the orders' distance."""
-    fine, coarse, u = _sampled(phi, long, u_long)
+    fine, coarse, u = _sampled(phi, long, u_long, rules)
     misfit = _own_misfit(fine, coarse, u, ratios, zeros, cycle)
-    most = _MOST_MODEL * _nearest(ratios, cycle)
+    most = rules.most_model * _nearest(ratios, cycle)
     more = np.minimum(np.sqrt(max(misfit - 1, 0.0)) * np.median(u, axis=1), most)
     left = _own_misfit(fine, coarse, np.hypot(u, more[:, None]), ratios, zeros, cycle)
-    if left > _WRONG_PERIODS:
+    if left > rules.wrong_periods:
         raise PhaseError(
             f"the pictures do not fit the stated periods {periods.tolist()}: the longer fringes lie beside where the "
             f"shortest put them by {np.sqrt(misfit):.1f} standard uncertainties. Check the order of periods and images."
@@ -268,48 +324,45 @@ def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders 
     return np.hypot(u_long, more[:, None, None]).astype(np.float32)
 
 
-def _sampled(phi: NDArray, long: NDArray, u_long: NDArray) -> tuple[NDArray, NDArray, NDArray]:
+def _sampled(phi: NDArray, long: NDArray, u_long: NDArray, rules: OrderRules) -> tuple[NDArray, NDArray, NDArray]:
     """Return pixels that all periods know: phase (M,), longer phases and their u (K - 1, M)."""
-    step = max(1, int(np.sqrt(phi.size / _SAMPLE)))
+    step = max(1, int(np.sqrt(phi.size / rules.sample)))
     known = np.isfinite(phi[::step, ::step]) & np.isfinite(long[:, ::step, ::step]).all(axis=0)
     if not known.any():
         raise PhaseError("no pixel carries fringes of all periods: check that the sets show the same scene")
     return phi[::step, ::step][known], long[:, ::step, ::step][:, known], u_long[:, ::step, ::step][:, known]
 
 
-def _zero(phi: NDArray, long: NDArray, u_long: NDArray, ratio: float) -> float:
+def _zero(phi: NDArray, long: NDArray, u_long: NDArray, ratio: float, rules: OrderRules) -> float:
     """Return the longer fringe's phase where the shortest one's is 0, as near to 0 as whole orders allow, rad."""
     near = _nearest([ratio], cycle_of([ratio]))
-    fine, coarse, u = _sampled(phi, long[None], u_long[None])
-    if _SEEN * np.median(u) > near:
+    fine, coarse, u = _sampled(phi, long[None], u_long[None], rules)
+    if rules.seen * np.median(u) > near:
         return 0.0
     # Orders lie `near` apart, so that the remainder of it is the same for all of them.
     turned = np.mean(np.exp(1j * (coarse[0].astype(float) - ratio * fine) * TURN / near))
     offset = float(np.angle(turned) * near / TURN)
-    return offset if abs(turned) > 0.5 and abs(offset) > near / 20 else 0.0
+    return offset if abs(turned) > rules.least_agreement and abs(offset) > rules.least_offset * near else 0.0
 
 
 def _own_misfit(fine: NDArray, long: NDArray, u: NDArray, ratios: NDArray, zeros: NDArray, cycle: int) -> float:
     """Return the mean misfit per further period of the best order, outliers left out."""
     best = np.full(fine.size, np.inf)
     for n in range(cycle):
-        off = long - ratios[:, None] * (fine + TURN * n) - zeros[:, None]
-        off -= TURN * np.rint(off / TURN)
+        off = wrap(long - ratios[:, None] * (fine + TURN * n) - zeros[:, None])
         best = np.minimum(best, ((off / u) ** 2).sum(axis=0))
-    return float(np.median(best) / 0.455 / len(ratios))  # median of chi squared with one degree of freedom
+    return float(np.median(best) / _CHI2_MEDIAN / len(ratios))
 
 
 def _error_rate(u: NDArray, ratios: NDArray, cycle: int) -> float:
     """Return the mean probability that another order fits better: the sum over the orders that lie next."""
-    codes = TURN * np.outer(np.arange(cycle), ratios)
-    codes -= TURN * np.rint(codes / TURN)
+    codes = wrap(TURN * np.outer(np.arange(cycle), ratios))
     typical = np.median(u, axis=1)
     rate = np.zeros(u.shape[1])
     for other in codes[1:]:
-        between = codes - other / 2
-        between -= TURN * np.rint(between / TURN)
+        between = wrap(codes - other / 2)
         distance = ((between / typical) ** 2).sum(axis=1)
-        if distance.min() > (1 - 1e-6) * ((other / 2 / typical) ** 2).sum():  # nothing lies between
+        if distance.min() > (1 - 1e-6) * ((other / 2 / typical) ** 2).sum():  # but for rounding, nothing lies between
             half = np.sqrt(((other[:, None] / 2 / u) ** 2).sum(axis=0))
             rate += special.erfc(half / np.sqrt(2)) / 2
     return float(min(rate.mean(), 1.0))

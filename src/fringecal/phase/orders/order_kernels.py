@@ -5,10 +5,14 @@ from numba import njit, prange
 
 from fringecal.numerics import TURN
 
-_FAR_BETTER = 4.0
-_MOST_OF_ONE = 9.0  # misfit of one neighbour: beyond an edge it fits no order of this side
+# Misfits are sums of squares in standard uncertainties, one for each longer period.
+_FAR_BETTER = 4.0  # times the best order's misfit over the window that the second must have: errors twice as large
+_MOST_OF_ONE = 9.0  # of one neighbour, three standard uncertainties: beyond an edge it fits no order of this side
 _OWN = 1e9  # a pixel's own misfit is not limited
-_REACH = 2  # pixels to each side that a doubtful pixel asks
+_SHARED = 0.2  # of a pixel's allowance that each neighbour adds: their noise averages, a common ripple does not
+_REACH = 2  # px to each side that a doubtful pixel asks: 25 px, whose noise is a fifth of one's
+_LEAST_NEIGHBOURS = 3  # of eight, within half a fringe: at a straight edge five are of the same surface
+_LEAST_LEAD = 2  # votes: a lead of one is one noisy pixel
 
 
 @njit(inline="always")
@@ -56,7 +60,7 @@ def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignor
             count = _over_window(phi, long, u_long, ratios, zeros, i, j, misfits)
             place, least, second = _best_two(misfits)
             # A ripple that all of them share misfits every order, but the right one far less than the others.
-            fits = least < most * ratios.size * (1 + 0.2 * count) or second > _FAR_BETTER * least
+            fits = least < most * ratios.size * (1 + _SHARED * count) or second > _FAR_BETTER * least
             if second - least > clear and fits:
                 found[i, j] = place
     return found, asked
@@ -94,7 +98,7 @@ def alone(absolute, cycle_rad):  # type: ignore[no-untyped-def]
                 for b in range(max(0, j - 1), min(width, j + 2)):
                     off = absolute[a, b] - here
                     near += abs(off - cycle_rad * np.rint(off / cycle_rad)) < np.pi  # one is the pixel itself
-            found[i, j] = near < 4
+            found[i, j] = near <= _LEAST_NEIGHBOURS
     return found
 
 
@@ -145,6 +149,6 @@ def chosen(known, lower):  # type: ignore[no-untyped-def]
                 for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
                     off = known[a, b] - lower[i, j]
                     votes += (abs(off - TURN) < np.pi) - (abs(off) < np.pi)
-            if abs(votes) > 1:
+            if abs(votes) >= _LEAST_LEAD:
                 result[i, j] = lower[i, j] + TURN * (votes > 0)
     return result
