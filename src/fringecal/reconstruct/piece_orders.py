@@ -232,11 +232,7 @@ def _order_by_height(  # noqa: PLR0913, PLR0917 -- private: a piece, its heights
     inside = np.mean((heights > low) & (heights < high), axis=1) > rules.inside
     fitting = {int(order): z for order, z in zip(orders[inside], heights[inside], strict=True)}
     if tops_mm:
-        fitting = {
-            order: z
-            for order, z in fitting.items()
-            if _ends_at(float(np.quantile(z, rules.top_quantile)), tops_mm, rules)
-        }
+        fitting = {order: z for order, z in fitting.items() if _ends_at(z, tops_mm, rules)}
     return next(iter(fitting)) if len(fitting) == 1 else None
 
 
