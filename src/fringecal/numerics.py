@@ -13,6 +13,9 @@ MEDIAN_TO_MEAN = math.sqrt(math.pi / 2)
 """Standard deviation of a median over that of a mean, for many values from a normal distribution
 (M. G. Kendall and A. Stuart, The Advanced Theory of Statistics 1, 10.10: the variance of a median is pi / 2n)."""
 
+UNIFORM_SD = 1 / math.sqrt(12)
+"""Standard deviation over full width of a uniform distribution, as rounding has (JCGM 100:2008, 4.3.7)."""
+
 TURN = 2 * math.pi
 """One fringe, rad."""
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from fringecal.errors import DetectionError
-from fringecal.numerics import robust_sd
+from fringecal.numerics import UNIFORM_SD, robust_sd
 
 Array = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def grey_noise(grey: Array) -> float:
     """
     spread = min(robust_sd(np.diff(grey, 2, axis=axis), about=0) for axis in (0, 1))
     # Rounding to whole levels leaves at least the noise of rounding.
-    return max(spread / math.sqrt(6), 1 / math.sqrt(12))
+    return max(spread / math.sqrt(6), UNIFORM_SD)
 
 
 def _kernel_norm(across: float) -> float:

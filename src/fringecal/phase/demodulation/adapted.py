@@ -12,20 +12,42 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.phase.demodulation.corrections import correct_steps
 from fringecal.phase.demodulation.demodulate import MISFIT_SHARE, PhaseMap, demodulate
-from fringecal.phase.demodulation.phase_shifts import StepEstimate, steps_and_blocks
+from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, StepEstimate, steps_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 from fringecal.phase.demodulation.waveform import Waveform, correct_gamma, phase_error, ripple_rms, waveform_of_blocks
-
-LEAST_COST_RAD = 0.003
-"""Rms ripple below which a found fault is left alone: a third of the noise of one good pixel."""
 
 LEAST_CHANGE_RAD = np.deg2rad(0.7)
 """Change of a step from edge to edge below which it is left alone: 0.003 rad of ripple at the edge."""
 
-_BLOCKS_TO_CONTRADICT = 12
-_NOISE_RATIO = 2.0
-_SAME_HARMONIC = 0.03
-_SIGNIFICANT = 4.0
+
+@dataclass(frozen=True)
+class AdaptationRules:
+    """What is undone of what the frames show, and when the plate's wave shape no longer holds.
+
+    Parameters
+    ----------
+    cost_rad
+        Rms ripple below which uneven brightness is left alone, rad: a third of the noise of one good pixel.
+    change_rad
+        Change of a step from edge to edge below which it is left alone, rad.
+    blocks_to_contradict
+        Blocks that a set needs for its own wave shape to stand against the plate's: fewer say little of their scatter.
+    same_harmonic
+        Most that the second harmonics of set and plate may differ by, as shares of the first; an object's own shape
+        shows as so much.
+    noise_ratio
+        Scatter of the frames over a few fringes against what neighbouring pixels show, from which u(phase) is said to
+        be understated; the surface's own roughness explains less.
+    """
+
+    cost_rad: float = 0.003
+    change_rad: float = LEAST_CHANGE_RAD
+    blocks_to_contradict: int = 12
+    same_harmonic: float = 0.03
+    noise_ratio: float = 2.0
+
+
+ADAPTATION_RULES = AdaptationRules()
 
 
 @dataclass(frozen=True)
@@ -70,6 +92,7 @@ def demodulate_adapted(
     *,
     white_level: float | None = None,
     wave: Waveform | None = None,
+    rules: AdaptationRules = ADAPTATION_RULES,
 ) -> Adapted:
     """Demodulate a set and undo what its frames show to differ from the stated model.
 
@@ -84,6 +107,8 @@ def demodulate_adapted(
     wave
         Shape of the fringes as found on the bare plate with the same projector and camera settings. It is used
         unless these frames contradict it.
+    rules
+        What is undone.
 
     Raises
     ------
@@ -92,15 +117,15 @@ def demodulate_adapted(
     """
     stated = np.asarray(steps_rad, np.float64).ravel()
     steps, found_wave, notes = _measured(frames, stated, white_level)
-    scheme, undone = _scheme(stated, steps)
+    scheme, undone = _scheme(stated, steps, rules)
     change = np.zeros((stated.size, 2))
     if steps is not None:
         shape = np.shape(frames)[1:]
-        change, sentence = _change(steps, shape)
+        change, sentence = _change(steps, shape, rules)
         undone += sentence
-    shape_used, said, doubts = _wave(scheme, found_wave, wave)
+    shape_used, said, doubts = _wave(scheme, found_wave, wave, rules)
     map_ = _demodulated(frames, scheme, change, shape_used, white_level)
-    notes += doubts + smoothed_noise(map_, steps)
+    notes += doubts + smoothed_noise(map_, steps, rules=rules)
     return Adapted(map_, scheme, change, shape_used, steps, found_wave, undone + said, notes)
 
 
@@ -115,7 +140,7 @@ def _measured(
     return steps, waveform_of_blocks(blocks), ()
 
 
-def _scheme(stated: NDArray, found: StepEstimate | None) -> tuple[Scheme, tuple[str, ...]]:
+def _scheme(stated: NDArray, found: StepEstimate | None, rules: AdaptationRules) -> tuple[Scheme, tuple[str, ...]]:
     """Choose steps and brightness of the frames: as stated, or as found where that is significant."""
     if found is None:
         return least_squares(stated), ()
@@ -127,7 +152,7 @@ def _scheme(stated: NDArray, found: StepEstimate | None) -> tuple[Scheme, tuple[
     scheme = least_squares(steps)
     offsets = found.level_per_frame / found.modulation_level
     cost = ripple_rms(phase_error(scheme, gains=found.gain_per_frame, offsets=offsets))
-    if found.uneven and cost > LEAST_COST_RAD:
+    if found.uneven and cost > rules.cost_rad:
         scheme = least_squares(
             steps,
             name="equalised",
@@ -144,23 +169,23 @@ def _scheme(stated: NDArray, found: StepEstimate | None) -> tuple[Scheme, tuple[
     return scheme, tuple(undone)
 
 
-def _change(steps: StepEstimate, shape: tuple[int, ...]) -> tuple[NDArray, tuple[str, ...]]:
+def _change(steps: StepEstimate, shape: tuple[int, ...], rules: AdaptationRules) -> tuple[NDArray, tuple[str, ...]]:
     """Return the steps' change over the field where it is sure and matters."""
     change = steps.field_change_rad_px(shape)
     largest = float(np.abs(change * [shape[1], shape[0]]).max())
-    if largest < LEAST_CHANGE_RAD:
+    if largest < rules.change_rad:
         return np.zeros_like(change), ()
     return change, (f"steps that change by {np.rad2deg(largest):.2f} deg from edge to edge were undone",)
 
 
 def _wave(
-    scheme: Scheme, found: Waveform | None, carried: Waveform | None
+    scheme: Scheme, found: Waveform | None, carried: Waveform | None, rules: AdaptationRules
 ) -> tuple[Waveform | None, tuple[str, ...], tuple[str, ...]]:
     """Choose the wave's shape: the plate's, unless these frames contradict it; and say so."""
-    known = found is not None and found.n_blocks >= _BLOCKS_TO_CONTRADICT
+    known = found is not None and found.n_blocks >= rules.blocks_to_contradict
     if carried is None:
         chosen, whence = found, "found in these frames"
-    elif known and found is not None and _differ(found, carried):
+    elif known and found is not None and _differ(found, carried, rules):
         chosen, whence = found, "found in these frames, as the plate's no longer fits"
     else:
         chosen, whence = carried, "found on the plate"
@@ -172,10 +197,10 @@ def _wave(
     return chosen, (sentence,), doubts
 
 
-def _differ(found: Waveform, carried: Waveform) -> bool:
+def _differ(found: Waveform, carried: Waveform, rules: AdaptationRules) -> bool:
     """Tell whether two second harmonics differ by more than chance and the surface explain."""
     apart = abs(found.ratios[0] - carried.ratios[0])
-    return bool(apart > max(_SAME_HARMONIC, _SIGNIFICANT * np.hypot(found.u[0], carried.u[0])))
+    return bool(apart > max(rules.same_harmonic, SIGNIFICANT * np.hypot(found.u[0], carried.u[0])))
 
 
 def _demodulated(
@@ -192,7 +217,9 @@ def _demodulated(
     return map_ if wave is None or not wave.matters(scheme) else correct_gamma(map_, scheme, wave)
 
 
-def smoothed_noise(map_: PhaseMap, steps: StepEstimate | None) -> tuple[str, ...]:
+def smoothed_noise(
+    map_: PhaseMap, steps: StepEstimate | None, *, rules: AdaptationRules = ADAPTATION_RULES
+) -> tuple[str, ...]:
     """Say so if the frames differ by more than neighbouring pixels do: then something has smoothed the noise.
 
     `estimate_noise` looks at neighbours, which JPEG, demosaicing and denoising make alike; the residual of the
@@ -201,7 +228,7 @@ def smoothed_noise(map_: PhaseMap, steps: StepEstimate | None) -> tuple[str, ...
     if steps is None:
         return ()
     ratio = steps.frame_noise / float(map_.noise.sigma(steps.background_level))
-    if ratio < _NOISE_RATIO:
+    if ratio < rules.noise_ratio:
         return ()
     return (
         f"the noise was smoothed (JPEG, demosaicing or denoising), or the surface is rough: over a few fringes the "

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import quadratic_terms
+from fringecal.numerics import TURN, quadratic_terms
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
 from fringecal.phase.unwrapping.spatial import unwrap
@@ -25,15 +25,47 @@ HARMONICS = (2, 3, 4)
 RIPPLE_ORDERS = (1, 2, 3, 4, 6)
 """Orders, against the fringes, of the ripple that is told from the carrier."""
 
-_BLOCK_LIMITS_PX = (24, 1500)
-_ENOUGH_BLOCKS = 16  # fewer say little of their own scatter
-_SIZES = ((BLOCK_FRINGES, 1 / 3), (BLOCK_FRINGES, 1 / 6), (2.3, 1 / 6), (2.3, 1 / 12))
-"""Fringes across a block, and its length along them over that across, in the order in which they are tried."""
+_RIDGE = 1e-9  # of the normal equations' diagonal: keeps them regular where a ripple is a multiple of the carrier
+_NO_LIGHT = 1e-12  # grey levels squared, for blocks without any
 
-_MAX_SAMPLES_ALONG = 64
-_LEAST_VALID_SHARE = 0.7
-_LEAST_CYCLES_IN_BLOCK = 1.8
-_MAX_ROUGHNESS_RAD = 0.35
+
+@dataclass(frozen=True)
+class BlockRules:
+    """How a picture is cut into blocks, and which of them are smooth enough.
+
+    Parameters
+    ----------
+    limits_px
+        Shortest and longest side of a block, px: carrier, ripple, shading and harmonics are fitted over it, which noise
+        spoils in smaller ones; larger ones are no small part of a picture.
+    enough
+        Blocks that a picture should have: fewer say little of their own scatter.
+    sizes
+        Fringes across a block, and its length along them over that across, in the order in which they are tried until
+        there are enough.
+    samples_along
+        Most samples along each side of a block: 20 to a fringe resolve the sixth order of ripple.
+    valid_share
+        Least share of a block's pixels in its largest connected piece.
+    cycles
+        Fringes that a block must show: over less than two, harmonics and shading cannot be told apart.
+    roughness_rad
+        Most that the phase may scatter about its smooth course, rms, rad: an edge within the block leaves more, noise
+        of the worst pixels that are kept (`MAX_SIGMA_RAD`) less.
+    """
+
+    limits_px: tuple[int, int] = (24, 1500)
+    enough: int = 16
+    sizes: tuple[tuple[float, float], ...] = (
+        (BLOCK_FRINGES, 1 / 3), (BLOCK_FRINGES, 1 / 6), (2.3, 1 / 6), (2.3, 1 / 12),
+    )  # fmt: skip
+    samples_along: int = 64
+    valid_share: float = 0.7
+    cycles: float = 1.8
+    roughness_rad: float = 0.35
+
+
+BLOCK_RULES = BlockRules()
 
 
 @dataclass(frozen=True)
@@ -71,7 +103,9 @@ class Block:
     noise: float
 
 
-def measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None) -> list[Block]:
+def measure_blocks(
+    grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None, *, rules: BlockRules = BLOCK_RULES
+) -> list[Block]:
     """Cut the picture into blocks and measure those in which the surface is smooth.
 
     Parameters
@@ -82,6 +116,8 @@ def measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None)
         The same, demodulated.
     mask
         True where the surface is to be used, (H, W); by default wherever there is a phase.
+    rules
+        Size of the blocks, and how smooth they must be.
 
     Raises
     ------
@@ -92,27 +128,28 @@ def measure_blocks(grey: NDArray, map_: PhaseMap, mask: ArrayLike | None = None)
     if not valid.any():
         raise PhaseError("no pixel carries a phase, so no step can be measured: check exposure and stated steps")
     unwrapped = unwrap(map_.phase, valid)
-    rows, columns = _block_shape(fringe_period(map_.phase, valid), valid.shape)
-    tiles = _Tiles(rows, columns, valid.shape[1] // columns)
+    rows, columns = _block_shape(fringe_period(map_.phase, valid), valid.shape, rules)
+    tiles = _Tiles(rows, columns, valid.shape[1] // columns, rules.samples_along)
     blocks: list[Block] = []
     for top in range(0, max(valid.shape[0] - rows, 0) + 1, rows):
         row = [tiles.of(part, top) for part in (unwrapped.phase, unwrapped.pieces, *grey)]
-        blocks += _measure_row(row[0], row[1], np.stack(row[2:], axis=1), tiles, top)
+        blocks += _measure_row(row[0], row[1], np.stack(row[2:], axis=1), tiles, top, rules)
     return blocks
 
 
 @dataclass(frozen=True)
 class _Tiles:
-    """Blocks side by side in a picture: their size in px, and how many there are in a row of them."""
+    """Blocks side by side in a picture: size in px, how many there are in a row of them, most samples along a side."""
 
     rows: int
     columns: int
     number: int
+    samples_along: int
 
     @property
     def steps(self) -> tuple[int, int]:
         """Thinning along v and u where blocks are large: long fringes need no dense samples."""
-        return -(-self.rows // _MAX_SAMPLES_ALONG), -(-self.columns // _MAX_SAMPLES_ALONG)
+        return -(-self.rows // self.samples_along), -(-self.columns // self.samples_along)
 
     def of(self, picture: NDArray, top: int) -> NDArray:
         """Return the samples of one row of blocks, (number, samples)."""
@@ -129,37 +166,41 @@ class _Tiles:
         return columns.ravel().astype(float), rows.ravel().astype(float)
 
 
-def _block_shape(period: FringePeriod, shape: tuple[int, ...]) -> tuple[int, int]:
+def _block_shape(period: FringePeriod, shape: tuple[int, ...], rules: BlockRules) -> tuple[int, int]:
     """Return rows and columns of a block: a few fringes across, less along them, least where blocks would be few."""
-    tried = [_shape_of(period, shape, *size) for size in _SIZES]
+    tried = [_shape_of(period, shape, *size, rules.limits_px) for size in rules.sizes]
     numbers = [(shape[0] // rows) * (shape[1] // columns) for rows, columns in tried]
-    enough = [size for size, number in zip(tried, numbers, strict=True) if number >= _ENOUGH_BLOCKS]
+    enough = [size for size, number in zip(tried, numbers, strict=True) if number >= rules.enough]
     return enough[0] if enough else tried[int(np.argmax(numbers))]
 
 
-def _shape_of(period: FringePeriod, shape: tuple[int, ...], fringes: float, aspect: float) -> tuple[int, int]:
+def _shape_of(
+    period: FringePeriod, shape: tuple[int, ...], fringes: float, aspect: float, limits_px: tuple[int, int]
+) -> tuple[int, int]:
     direction = np.deg2rad(period.direction_deg)
     lengths = fringes * period.period_px * np.maximum(np.abs([np.sin(direction), np.cos(direction)]), aspect)
-    least, most = _BLOCK_LIMITS_PX
+    least, most = limits_px
     rows, columns = (int(np.clip(round(length), least, most)) for length in lengths)
     # Pictures a little shorter than a block are still worth a try.
     return min(rows, max(shape[0], 1)), min(columns, max(shape[1], 1))
 
 
-def _measure_row(phase: NDArray, pieces: NDArray, grey: NDArray, tiles: _Tiles, top: int) -> list[Block]:
+def _measure_row(  # noqa: PLR0913, PLR0917 -- private: one row of blocks
+    phase: NDArray, pieces: NDArray, grey: NDArray, tiles: _Tiles, top: int, rules: BlockRules
+) -> list[Block]:
     """Measure all frames of a row of blocks against their smooth phase; blocks that are not smooth are left out.
 
     `phase` and `pieces` are (blocks, samples), `grey` (blocks, N, samples).
     """
     use = _largest_piece(pieces)
-    some = use.mean(axis=1) >= _LEAST_VALID_SHARE
+    some = use.mean(axis=1) >= rules.valid_share
     if not some.any():
         return []
     use, phase, grey = use[some], np.where(use, phase, 0.0)[some], grey[some]
     quadratic, centre = _quadratic(use, tiles)
     carrier, ripple, roughness = _carrier(quadratic, phase, use)
     span = np.ptp(np.where(use, carrier, carrier.min(axis=1, where=use, initial=np.inf)[:, None]), axis=1)
-    good = (roughness <= _MAX_ROUGHNESS_RAD) & (span >= 2 * np.pi * _LEAST_CYCLES_IN_BLOCK)
+    good = (roughness <= rules.roughness_rad) & (span >= TURN * rules.cycles)
     if not good.any():
         return []
     left = tiles.columns * np.flatnonzero(some)[good]
@@ -202,7 +243,7 @@ def _carrier(
     basis = np.concatenate([quadratic, _waves(phase, RIPPLE_ORDERS) * use[:, None]], axis=1)
     # Normal equations: few well-scaled columns, thousands of rows; a trace keeps them regular.
     normal = basis @ basis.mT
-    normal *= 1 + 1e-9 * np.eye(normal.shape[-1])
+    normal *= 1 + _RIDGE * np.eye(normal.shape[-1])
     coefficients = np.linalg.solve(normal, basis @ phase[:, :, None])
     left = phase - (coefficients.mT @ basis)[:, 0]
     pairs = coefficients[:, 6:, 0].reshape(len(phase), -1, 2)
@@ -234,5 +275,5 @@ def _rms(residual: NDArray, number: NDArray) -> NDArray:
 def _noise(residual: NDArray, grey: NDArray, number: NDArray) -> NDArray:
     """Return the rms residual without texture: in each pixel the part in proportion to its light."""
     n = grey.shape[1]
-    texture = (residual * grey).sum(axis=1) / np.maximum((grey * grey).sum(axis=1), 1e-12)
+    texture = (residual * grey).sum(axis=1) / np.maximum((grey * grey).sum(axis=1), _NO_LIGHT)
     return _rms(residual - texture[:, None] * grey, number) * np.sqrt(n / (n - 1))

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
 from fringecal.phase.demodulation import pixel_kernels as kernels
-from fringecal.phase.demodulation.noise import Noise, estimate_noise
+from fringecal.phase.demodulation.noise import LEAST_SIDE_PX, ROUNDING_SIGMA, Noise, estimate_noise
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 from fringecal.phase.orders.multi_period import FringeOrders
 
@@ -23,11 +23,15 @@ MIN_MODULATION_SHARE = 0.05
 and the ringing of compressed pictures, whose noise cannot be seen between neighbours, look like fringes."""
 
 MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
-"""A residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
+"""An rms residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
 
-_DARK_SIGMAS = 4.0
+TYPICAL_PERCENTILE = 95
+"""Percentile of a picture's modulation or brightness that stands for its better part: no hot pixel, no shadow."""
+
+_DARK_SIGMAS = 4.0  # standard deviations of the read noise: a background below may as well be none
 _LEAST_MODULATION = 1e-15  # squares of less are lost in float32
-_SAMPLES_ALONG = 100
+_SAMPLES_ALONG = 100  # along each axis of the sparse sample: 10 000 pixels know a percentile to 1 %
+_LEAST_VARIANCE = 1e-3  # of the constant variance of C and S, below which rounding in float32 may bring a difference
 
 
 class Reason(IntFlag):
@@ -184,9 +188,16 @@ def _brightest(dtype: np.dtype, white_level: float) -> np.uint8 | np.uint16 | np
 
 def _noise_of(grey: NDArray, scheme: Scheme, white_level: float) -> Noise:
     """Estimate the noise; pictures too small for that get the noise of rounding."""
-    if min(grey.shape[1:]) < 16:
-        return Noise(float(np.sqrt(1 / 12)) if np.issubdtype(grey.dtype, np.integer) else 0.0)
+    if min(grey.shape[1:]) < LEAST_SIDE_PX:
+        return Noise(ROUNDING_SIGMA if np.issubdtype(grey.dtype, np.integer) else 0.0)
     return estimate_noise(grey, scheme, white_level=white_level)
+
+
+def single_precision(phase_rad: NDArray) -> NDArray[np.float32]:
+    """Return wrapped phase as float32 in (-pi, pi]: where rounding reaches -pi, it becomes pi."""
+    single = phase_rad.astype(np.float32)
+    single[single <= -np.float32(np.pi)] = np.float32(np.pi)
+    return single
 
 
 def least_modulation(grey: NDArray, scheme: Scheme) -> float:
@@ -195,7 +206,7 @@ def least_modulation(grey: NDArray, scheme: Scheme) -> float:
     cosine, sine = np.tensordot(scheme.weights[1:].astype(np.float32), sample, axes=1)
     modulation = np.hypot(cosine, sine)
     finite = modulation[np.isfinite(modulation)]
-    typical = float(np.percentile(finite, 95)) if finite.size else 0.0
+    typical = float(np.percentile(finite, TYPICAL_PERCENTILE)) if finite.size else 0.0
     floor = MIN_MODULATION_LEVELS if np.issubdtype(grey.dtype, np.integer) else 0.0
     return max(floor, MIN_MODULATION_SHARE * typical)
 
@@ -227,7 +238,7 @@ def _run(grey: NDArray, scheme: Scheme, limits: kernels.Limits, result: PhaseMap
     noise, w = result.noise, scheme.weights
     products = np.stack([w[1] * w[1], w[2] * w[2], w[1] * w[2]])
     constant = noise.read_sigma**2 * products.sum(axis=1)
-    least = 1e-3 * min(constant[0], constant[1])
+    least = _LEAST_VARIANCE * min(constant[0], constant[1])
     rows = np.column_stack([w, scheme.zero])
     shot = np.column_stack([noise.gain * products, np.zeros(3)])
     kernels.demodulate_full(

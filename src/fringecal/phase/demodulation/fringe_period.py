@@ -8,12 +8,15 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.numerics import wrap
 
-_LEAST_CYCLES = 3.0
-_LEAST_PIXELS = 16
-_LEAST_BLOCK_SHARE = 0.8
-_LEAST_SLOPE = 1e-3
-_ROUNDS = 2
-_PEAK_TO_MEDIAN = 30.0
+LEAST_CYCLES = 3.0
+"""Cycles along a picture below which a period cannot be told from uneven light."""
+
+_LEAST_PIXELS = 16  # pairs of neighbours, and px along a picture's sides: fewer are a scrap of noise
+_LEAST_BLOCK_SHARE = 0.8  # of a block's pixels: the mean over a fringe with larger gaps keeps the ripple
+_LEAST_SLOPE = 1e-3  # rad/px: a fringe of 6283 px, longer than pictures are
+_ROUNDS = 2  # the second one with blocks as long as the first one's fringe
+_PEAK_TO_MEDIAN = 30.0  # of the spectrum's power: in noise, a peak 30 times the median is one in 10^9 frequencies
+_NO_POWER = 1e-300  # added before a logarithm
 
 
 @dataclass(frozen=True)
@@ -144,16 +147,18 @@ def carrier(image: ArrayLike) -> FringePeriod:
     """
     grey = np.asarray(image, dtype=np.float64)
     if grey.ndim != 2 or min(grey.shape) < _LEAST_PIXELS or not np.isfinite(grey).all():
-        raise PhaseError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 16 px or more")
+        raise PhaseError(
+            f"found a picture of shape {grey.shape}; needed: (height, width), finite, {_LEAST_PIXELS} px or more"
+        )
     window = np.hanning(grey.shape[0])[:, None] * np.hanning(grey.shape[1])
     power = np.abs(np.fft.rfft2((grey - np.average(grey, weights=window)) * window)) ** 2
     cycles_v = np.fft.fftfreq(grey.shape[0]) * grey.shape[0]
     cycles_u = np.arange(power.shape[1])
-    power[np.hypot(cycles_v[:, None], cycles_u) < _LEAST_CYCLES] = 0
+    power[np.hypot(cycles_v[:, None], cycles_u) < LEAST_CYCLES] = 0
     row, column = np.unravel_index(np.argmax(power), power.shape)
     if power[row, column] <= _PEAK_TO_MEDIAN * np.median(power):
         raise PhaseError("no fringes found in the picture: its spectrum has no peak beyond three cycles")
-    top, side = np.log(power[:, column] + 1e-300), np.log(power[row] + 1e-300)
+    top, side = np.log(power[:, column] + _NO_POWER), np.log(power[row] + _NO_POWER)
     cycle_v = cycles_v[row] + _parabola(top[row - 1], top[row], top[(row + 1) % top.size])
     right = side[column + 1] if column + 1 < side.size else side[column - 1]
     cycle_u = cycles_u[column] + _parabola(side[abs(column - 1)], side[column], right)

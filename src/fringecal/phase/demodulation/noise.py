@@ -9,18 +9,26 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import nnls
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import robust_sd
+from fringecal.numerics import UNIFORM_SD, robust_sd
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
-ROUNDING_SIGMA = float(1 / np.sqrt(12))
+ROUNDING_SIGMA = UNIFORM_SD
 """Standard deviation of rounding to whole grey levels."""
 
-_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+LEAST_SIDE_PX = 16
+"""Shorter side of a picture whose noise is estimated: three times the length of the filter that sees it, px."""
+
 MAX_SAMPLE_PIXELS = 400_000
+"""Pixels from which the noise is estimated: it is then known to about 0.2 %."""
+
 BAND_ROWS = 32
-# Where the background is weak, I / A is no longer linear in the noise.
-_LEAST_BACKGROUND = 0.15
-_LEAST_SPREAD = 0.05
+"""Rows of one of the bands that make up the sample, px: a band loses four of them at its seams."""
+
+_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
+_LEAST_BACKGROUND = 0.15  # of the brightest background: where it is weaker, I / A is no longer linear in the noise
+_BIN_PIXELS, _MOST_BINS = 2000, 12  # of one brightness: a variance known to 5 %, and bins enough for a straight line
+_LEAST_SPREAD = 0.05  # of the mean brightness: over a smaller range a line's two coefficients cannot be told apart
+_LEAST_VARIANCE = 1e-12  # grey levels squared: frames without any noise must not divide by 0
 
 
 @dataclass(frozen=True)
@@ -125,10 +133,10 @@ def _robust_variance(residual: NDArray) -> float:
 
 def _sample(frames: NDArray, n_steps: int) -> NDArray:
     """Take bands of rows, evenly spread, that hold enough pixels and no more."""
-    if frames.ndim != 3 or frames.shape[0] != n_steps or min(frames.shape[1:]) < 16:
+    if frames.ndim != 3 or frames.shape[0] != n_steps or min(frames.shape[1:]) < LEAST_SIDE_PX:
         raise PhaseError(
             f"found frames of shape {frames.shape}; {n_steps} steps need ({n_steps}, height, width) "
-            "and their noise at least 16 x 16 px"
+            f"and their noise at least {LEAST_SIDE_PX} x {LEAST_SIDE_PX} px"
         )
     height, width = frames.shape[1:]
     step = int(np.ceil(height * width / MAX_SAMPLE_PIXELS))
@@ -167,7 +175,12 @@ def _usable(grey: NDArray, background: NDArray, white_level: float | None) -> ND
     white = np.inf if white_level is None else white_level
     bright = np.isfinite(background) & (background > _LEAST_BACKGROUND * np.nanmax(background, initial=0.0))
     good = (bright & (grey.max(axis=0) < white)).astype(np.uint8)
-    return cv2.erode(good, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+    return (
+        cv2.erode(
+            good, np.ones((_FOURTH_DIFFERENCE.size,) * 2, np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0
+        )
+        > 0
+    )
 
 
 def _line_through_bins(
@@ -177,7 +190,7 @@ def _line_through_bins(
     variance_of: Callable[[NDArray], float] = _robust_variance,
 ) -> Noise:
     """Fit `variance = r^2 + gain x`, neither negative, to the variances in bins of equal count."""
-    bins = int(np.clip(abscissa.size // 2000, 1, 12))
+    bins = int(np.clip(abscissa.size // _BIN_PIXELS, 1, _MOST_BINS))
     order = np.argsort(abscissa)
     xs: list[float] = []
     variances: list[float] = []
@@ -191,7 +204,7 @@ def _line_through_bins(
     if np.ptp(x) < _LEAST_SPREAD * abs(x.mean()):
         # One brightness only: read noise and shot noise cannot be told apart, and need not be.
         return Noise(float(np.sqrt(np.median(variance))))
-    weight = 1 / np.maximum(variance, 1e-12)
+    weight = 1 / np.maximum(variance, _LEAST_VARIANCE)
     columns = np.column_stack([np.ones_like(x), np.maximum(x, 0)])
     (read2, gain), _ = nnls(columns * weight[:, None], variance * weight)
     return Noise(float(np.sqrt(max(read2, floor**2))), float(gain))

@@ -13,19 +13,32 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import stats
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import median_and_u, robust_sd
+from fringecal.numerics import UNIFORM_SD, median_and_u, robust_sd
 from fringecal.phase.demodulation.blocks import BLOCK_FRINGES, Block, measure_blocks
 from fringecal.phase.demodulation.demodulate import demodulate
 from fringecal.phase.demodulation.noise import Noise
 
-_LEAST_BLOCKS = 4
-_LEAST_PLACES = 4  # along an axis, for a change of the steps to be seen along it
-_OUTLIER_SIGMAS = 4.0
+SIGNIFICANT = 4.0
+"""Standard uncertainties beyond which a deviation is believed: by chance once in 16 000."""
+
+OUTLIER_SIGMAS = 4.0
+"""Robust standard deviations beyond which a block is left out: one good block in 16 000."""
+
+NO_SCATTER = 1e-12
+"""Added to limits of outliers, in the unit of the values: perfect pictures have no scatter, only rounding."""
+
+RARE = 1e-4
+"""Probability of chance below which the frames are believed against what is stated of them, or blamed."""
+
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
-_RARE = 1e-4
-_CLEARLY = 0.8
-_ROUNDS = 3
-_CONVERGED_RAD = 1e-5
+_LEAST_BLOCKS = 4  # one more than a plane over the field has coefficients
+_LEAST_PLACES = 4  # along an axis, for a change of the steps to be seen along it: as above
+_PLACES_ALONG = 8  # parts of the picture's length that count as places
+_CLEARLY = 0.8  # times the misfit of a factor: an offset must explain the backgrounds by a fifth better
+_ROUNDS, _CONVERGED_RAD = (
+    3,
+    1e-5,
+)  # demodulated anew with the steps found; 1e-5 rad is a thousandth of a good pixel's noise
 
 
 @dataclass(frozen=True)
@@ -106,9 +119,9 @@ class StepEstimate:
 
         A slope among blocks that scatter as much as it rises may as well be the object's doing.
         """
-        known = np.abs(self.gradient_rad_px) > self.coverage(_RARE) * self.u_gradient_rad_px
+        known = np.abs(self.gradient_rad_px) > self.coverage(RARE) * self.u_gradient_rad_px
         over_field = np.abs(self.gradient_rad_px) * [shape[1], shape[0]]
-        known &= over_field / np.sqrt(12) > self.u_rad[:, None] * np.sqrt(self.n_blocks)
+        known &= over_field * UNIFORM_SD > self.u_rad[:, None] * np.sqrt(self.n_blocks)
         return np.where(known, self.gradient_rad_px, 0.0)
 
     def coverage(self, chance: float) -> float:
@@ -214,7 +227,7 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
 
 def _places(centre: NDArray, length: int) -> int:
     """Count the eighths of the picture's length in which blocks lie."""
-    return np.unique(np.floor(8 * (centre / length + 0.5))).size
+    return np.unique(np.floor(_PLACES_ALONG * (centre / length + 0.5))).size
 
 
 def share_of_mean(values: NDArray) -> tuple[NDArray, NDArray]:
@@ -240,7 +253,7 @@ def _offset(background: NDArray, gain: NDArray, share: NDArray) -> NDArray:
 def _robust_plane(u: NDArray, v: NDArray, values: NDArray) -> tuple[float, float, NDArray, NDArray]:
     """Fit value = mean + slope over the field, outliers left out: mean, its u, slopes, their u."""
     deviation = np.abs(values - np.median(values))
-    keep = deviation <= _OUTLIER_SIGMAS * robust_sd(values) + 1e-12
+    keep = deviation <= OUTLIER_SIGMAS * robust_sd(values) + NO_SCATTER
     basis = np.column_stack([np.ones(keep.sum()), u[keep], v[keep]])
     fit, *_ = np.linalg.lstsq(basis, values[keep])
     spare = max(int(keep.sum()) - basis.shape[1], 1)

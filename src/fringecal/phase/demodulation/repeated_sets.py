@@ -8,14 +8,14 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.numerics import wrap
 from fringecal.phase.demodulation.demodulate import demodulate
-from fringecal.phase.demodulation.phase_shifts import estimate_steps
-from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Finding
+from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, estimate_steps
+from fringecal.phase.diagnostics.evidence import Finding
 
 LEAST_SHIFT_RAD = 0.01
 """Rms movement between repeats that is worth a word: 0.15 % of a fringe, the noise of one good pixel."""
 
-_LEAST_PIXELS = 100
-_BATCH = 64
+_LEAST_PIXELS = 100  # with a phase in all repeats: fewer are stray light
+_BATCHES = 64  # means of neighbours, whose scatter is the uncertainty, known to 9 %
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ def compare_repeats(sets: ArrayLike, steps_rad: ArrayLike, *, white_level: float
 
 def _u_of_mean(values: NDArray) -> float:
     """Return the standard uncertainty of a mean over a picture from the means of batches of neighbours."""
-    batches = [part.mean() for part in np.array_split(values, min(_BATCH, values.size // 2))]
+    batches = [part.mean() for part in np.array_split(values, min(_BATCHES, values.size // 2))]
     return float(np.std(batches, ddof=1) / np.sqrt(len(batches)))
 
 

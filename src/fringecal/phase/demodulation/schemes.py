@@ -15,6 +15,7 @@ from fringecal.errors import PhaseError
 MAX_NOISE_GAIN = 10.0
 """Steps that make the phase this many times noisier than N equal steps would are refused."""
 _FULL_TURN = 6.3  # radians, rounded as people write them
+_SINGULAR = 1e-6  # of the largest singular value: a smaller one is rounding of steps as people state them
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ def least_squares(
     design = bare.model[:, :3]
     singular = np.linalg.svd(design, compute_uv=False)
     scheme = replace(bare, weights=np.linalg.pinv(design))
-    if singular[-1] < 1e-6 * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
+    if singular[-1] < _SINGULAR * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
         raise PhaseError(
             f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
             "needed: at least three steps well spread over a period, such as 0, 120, 240 deg; "

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.phase.demodulation.demodulate import single_precision
 
 
 def smooth_phase(phase: ArrayLike, *, kind: Literal["mean", "median"] = "mean", size: int = 3) -> NDArray[np.float32]:
@@ -53,6 +54,4 @@ def smooth_phase(phase: ArrayLike, *, kind: Literal["mean", "median"] = "mean", 
         else cv2.medianBlur(part, size)
         for part in (sine, cosine)
     ]
-    result = np.arctan2(*filtered)
-    result[result <= -np.float32(np.pi)] = np.float32(np.pi)
-    return np.where(masked, np.float32(np.nan), result)
+    return np.where(masked, np.float32(np.nan), single_precision(np.arctan2(*filtered)))

@@ -11,16 +11,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import robust_sd
+from fringecal.numerics import robust_sd, wrap
 from fringecal.phase.demodulation.blocks import HARMONICS, Block
-from fringecal.phase.demodulation.demodulate import PhaseMap
-from fringecal.phase.demodulation.phase_shifts import steps_and_blocks
+from fringecal.phase.demodulation.demodulate import PhaseMap, single_precision
+from fringecal.phase.demodulation.phase_shifts import NO_SCATTER, OUTLIER_SIGMAS, SIGNIFICANT, steps_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
-_TABLE = 2048
-_OUTLIER_SIGMAS = 4.0
-_LEAST_SLOPE = 0.05
-_SMALL_RIPPLE_RAD, _SIGNIFICANT = 0.005, 4.0
+SMALL_RIPPLE_RAD = 0.005
+"""Ripple, rms, below which the fringes' shape is left alone, rad: half the noise of one good pixel."""
+
+_TABLE = 2048  # phases of a fringe: linear interpolation between them costs less than 1e-5 rad
+_LEAST_SLOPE = 0.05  # of found against true phase: where it is flatter, noise is magnified twentyfold
 
 
 @dataclass(frozen=True)
@@ -55,11 +56,11 @@ class Waveform:
     @property
     def significant(self) -> NDArray[np.complex128]:
         """Return the ratios, 0 where they are not above noise."""
-        return np.where(np.abs(self.ratios) > _SIGNIFICANT * self.u, self.ratios, 0)
+        return np.where(np.abs(self.ratios) > SIGNIFICANT * self.u, self.ratios, 0)
 
     def matters(self, steps_rad: ArrayLike | Scheme) -> bool:
         """Tell whether the wave's shape makes a ripple that is both above noise and worth correcting."""
-        return ripple_rms(phase_error(steps_rad, ratios=self.significant)) > _SMALL_RIPPLE_RAD
+        return ripple_rms(phase_error(steps_rad, ratios=self.significant)) > SMALL_RIPPLE_RAD
 
 
 def estimate_waveform(
@@ -105,7 +106,7 @@ def waveform_of_blocks(blocks: list[Block]) -> Waveform:
 def _robust_mean(values: NDArray[np.complex128]) -> tuple[complex, float]:
     """Return the mean without outliers and its standard uncertainty in each part."""
     distance = np.abs(values - (np.median(values.real) + 1j * np.median(values.imag)))
-    keep = distance <= _OUTLIER_SIGMAS * robust_sd(distance, about=0) + 1e-12
+    keep = distance <= OUTLIER_SIGMAS * robust_sd(distance, about=0) + NO_SCATTER
     kept = values[keep]
     return complex(kept.mean()), float(kept.std() / np.sqrt(2 * kept.size))
 
@@ -200,9 +201,7 @@ def correct_gamma(map_: PhaseMap, steps_rad: ArrayLike | Scheme, wave: Waveform)
     corrected = phase + np.interp(place, found, true - found)
     centres = (found[1:] + found[:-1]) / 2
     factor = np.interp(place, centres, 1 / slope, period=2 * np.pi)
-    wrapped = (corrected - 2 * np.pi * np.ceil(corrected / (2 * np.pi) - 0.5)).astype(np.float32)
-    wrapped[wrapped <= -np.float32(np.pi)] = np.float32(np.pi)
-    return replace(map_, phase=wrapped, sigma=(map_.sigma * factor).astype(np.float32))
+    return replace(map_, phase=single_precision(wrap(corrected)), sigma=(map_.sigma * factor).astype(np.float32))
 
 
 def _as_scheme(steps_rad: ArrayLike | Scheme) -> Scheme:

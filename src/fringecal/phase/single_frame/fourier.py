@@ -5,11 +5,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from fringecal.errors import PhaseError
-from fringecal.phase.demodulation.demodulate import MAX_SIGMA_RAD, MIN_MODULATION_SHARE, PhaseMap, Reason
+from fringecal.phase.demodulation.demodulate import (
+    MAX_SIGMA_RAD,
+    MIN_MODULATION_SHARE,
+    TYPICAL_PERCENTILE,
+    PhaseMap,
+    Reason,
+    single_precision,
+)
 from fringecal.phase.demodulation.fringe_period import FringePeriod, carrier
-from fringecal.phase.demodulation.noise import Noise
+from fringecal.phase.demodulation.noise import ROUNDING_SIGMA, Noise
 
-_ROUNDING = Noise(float(1 / np.sqrt(12)))
+_ROUNDING = Noise(ROUNDING_SIGMA)
+_NO_MODULATION = 1e-12  # grey levels, for pixels without any: u(phi) is then large, and not infinite
 
 
 def fourier_phase(
@@ -72,18 +80,16 @@ def _as_map(
 ) -> PhaseMap:
     """Put the complex fringes into a phase map, with its reasons."""
     modulation = np.abs(signal)
-    sigma = np.sqrt(2 * power) * noise.sigma(background) / np.maximum(modulation, 1e-12)
-    floor = MIN_MODULATION_SHARE * float(np.percentile(modulation, 95))
+    sigma = np.sqrt(2 * power) * noise.sigma(background) / np.maximum(modulation, _NO_MODULATION)
+    floor = MIN_MODULATION_SHARE * float(np.percentile(modulation, TYPICAL_PERCENTILE))
     low = (modulation < floor) | (sigma > MAX_SIGMA_RAD)
     margin = int(np.ceil(period_px))
     inside = np.zeros(signal.shape, bool)
     inside[margin : signal.shape[0] - margin, margin : signal.shape[1] - margin] = True
     reasons = (np.where(low, Reason.LOW_MODULATION, 0) | np.where(inside, 0, Reason.OUTSIDE)).astype(np.uint8)
     valid = reasons == 0
-    phase = np.where(valid, np.angle(signal), np.nan).astype(np.float32)
-    phase[phase <= -np.float32(np.pi)] = np.float32(np.pi)
     return PhaseMap(
-        phase,
+        single_precision(np.where(valid, np.angle(signal), np.nan)),
         modulation.astype(np.float32),
         background.astype(np.float32),
         np.where(valid, sigma, np.nan).astype(np.float32),
