@@ -136,17 +136,6 @@ def products_up_to(along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
     return np.stack([first[..., i] * second[..., j] for i, j in pairs], axis=-1)
 
 
-def quadratic_terms(x: NDArray[np.floating], y: NDArray[np.floating], *, axis: int = -1) -> NDArray[np.float64]:
-    """Return 1, x, y, x x, x y, y y along a new axis.
-
-    Examples
-    --------
-    >>> quadratic_terms(np.array([2.0]), np.array([3.0])).tolist()
-    [[1.0, 2.0, 3.0, 4.0, 6.0, 9.0]]
-    """
-    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=axis)
-
-
 def by_powers(coefficients: ArrayLike, degree: int) -> NDArray[np.float64]:
     """Return coefficients of `products_up_to` as a square by the powers of both variables, 0 where there is no term.
 

@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera import Rays
-from fringecal.numerics import by_powers, powers_up_to, products_up_to
+from fringecal.numerics import by_powers, products_up_to
 from fringecal.projector import rig_kernels as kernels
 
 Array = NDArray[np.float64]
@@ -56,10 +56,6 @@ class PlateResidual:
     def grid(self) -> Array:
         """Coefficients by degree along x and along y, shape (degree + 1, degree + 1)."""
         return by_powers(self.coefficients, self.degree)
-
-    def terms(self) -> list[tuple[int, int]]:
-        """Return the exponent pairs of the polynomial, in the order of the coefficients."""
-        return powers_up_to(self.degree)
 
     def design(self, x_mm: Array, y_mm: Array) -> Array:
         """Return the matrix whose columns are the polynomial's terms at plate points."""

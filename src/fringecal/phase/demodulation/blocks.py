@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import TURN, quadratic_terms
+from fringecal.numerics import TURN
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
 from fringecal.phase.unwrapping.spatial import unwrap
@@ -227,7 +227,8 @@ def _quadratic(use: NDArray[np.bool_], tiles: _Tiles) -> tuple[NDArray, tuple[ND
     places = tiles.places
     centre = (use @ places[0] / number, use @ places[1] / number)
     x, y = ((p - c[:, None]) / (p.max() + 1) for p, c in zip(places, centre, strict=True))
-    return quadratic_terms(x, y, axis=1) * use[:, None], centre
+    # Not by `products_up_to`: the first three terms are the shading's, and the samples stand last.
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) * use[:, None], centre
 
 
 def _waves(phase: NDArray, orders: tuple[int, ...]) -> NDArray:
