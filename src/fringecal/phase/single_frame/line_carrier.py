@@ -12,17 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from fringecal.errors import PhaseError
+from fringecal.phase.demodulation.fringe_period import LEAST_CYCLES
 
 Array = NDArray[np.float64]
 Along = Literal["rows", "columns"]
 
-_LEAST_CYCLES = 3.0
+_LEAST_SIDE_PX = 32  # of a picture: three periods of ten pixels
 _LEAST_PERIOD_PX = 5.0  # below this a window of one period cannot tell the carrier from its mirror image
+_LEVEL_PARTS = 3  # of the picture's height, over one of which its mean is taken off before the spectrum
 _BAND = 1.25  # half width, as a ratio, of the band of frequencies that counts as one pitch
 _ABOVE_NOISE = 2.5  # times the share that white noise would put into the band
 _PEAK_SHARE = 0.3  # of all power beyond three cycles that this band must hold
+_LEVEL = 1.2  # periods: standard deviation of the mean that is taken off before the fringes are demodulated
 _WINDOW = 0.55  # of a period: standard deviation of the window along the line
 _BETWEEN_PX = 0.7  # standard deviation of the smoothing from line to line
+_NO_POWER = 1e-300  # added to a divisor: pictures without any light have no spectrum
 
 
 @dataclass(frozen=True)
@@ -74,8 +78,10 @@ def demodulate_lines(image: ArrayLike, *, along: Along | None = None) -> LineCar
     ('rows', 12.0, 50.0)
     """
     grey = np.asarray(image, float)
-    if grey.ndim != 2 or min(grey.shape) < 32 or not np.isfinite(grey).all():
-        raise PhaseError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 32 px or more")
+    if grey.ndim != 2 or min(grey.shape) < _LEAST_SIDE_PX or not np.isfinite(grey).all():
+        raise PhaseError(
+            f"found a picture of shape {grey.shape}; needed: (height, width), finite, {_LEAST_SIDE_PX} px or more"
+        )
     choices: tuple[Along, ...] = ("rows", "columns") if along is None else (along,)
     peaks = {choice: _strongest(grey if choice == "rows" else grey.T) for choice in choices}
     best = max(choices, key=lambda choice: peaks[choice][1])
@@ -98,9 +104,9 @@ def demodulate_lines(image: ArrayLike, *, along: Along | None = None) -> LineCar
 def _strongest(grey: Array) -> tuple[float, float, float]:
     """Frequency along the columns in cycles/px, the power around it, and its share of all power."""
     rows = grey.shape[0]
-    flat = grey - ndimage.uniform_filter1d(grey, max(3, rows // 3) | 1, axis=0, mode="nearest")
+    flat = grey - ndimage.uniform_filter1d(grey, max(3, rows // _LEVEL_PARTS) | 1, axis=0, mode="nearest")
     power = np.mean(np.abs(np.fft.rfft(flat * np.hanning(rows)[:, None], axis=0)) ** 2, axis=1) / rows**2
-    power[: int(_LEAST_CYCLES)] = 0
+    power[: int(LEAST_CYCLES)] = 0
     # A pitch that changes over the field spreads the peak: what counts is the power in a band.
     total = np.concatenate([[0.0], np.cumsum(power)])
     low, high = (np.clip((np.arange(power.size) * f).astype(int), 0, power.size) for f in (1 / _BAND, _BAND))
@@ -108,8 +114,8 @@ def _strongest(grey: Array) -> tuple[float, float, float]:
     around = total[high] - total[np.maximum(low - 1, 0)]
     peak = int(np.argmax(around))
     near = slice(max(low[peak] - 1, 0), high[peak])
-    centre = float(np.average(np.arange(power.size)[near], weights=power[near] + 1e-300))
-    share = float(around[peak] / max(power.sum(), 1e-300))
+    centre = float(np.average(np.arange(power.size)[near], weights=power[near] + _NO_POWER))
+    share = float(around[peak] / max(power.sum(), _NO_POWER))
     # Noise fills a wide band too: what counts as a period holds far more than the band's width.
     width = (high[peak] - low[peak]) / power.size
     return centre / rows, float(around[peak]), share if share > _ABOVE_NOISE * width else 0.0
@@ -118,7 +124,7 @@ def _strongest(grey: Array) -> tuple[float, float, float]:
 def _demodulated(grey: Array, frequency: float) -> NDArray[np.complex128]:
     period = 1 / frequency
     rows = np.arange(grey.shape[0])[:, None]
-    flat = grey - ndimage.gaussian_filter1d(grey, 1.2 * period, axis=0, mode="nearest")
+    flat = grey - ndimage.gaussian_filter1d(grey, _LEVEL * period, axis=0, mode="nearest")
     turned = flat * np.exp(-2j * np.pi * frequency * rows)
     smooth = ndimage.gaussian_filter(turned, (_WINDOW * period, _BETWEEN_PX), mode="constant")
     return np.asarray(smooth * np.exp(2j * np.pi * frequency * rows), np.complex128)

@@ -12,27 +12,30 @@ from fringecal.numerics import TURN
 
 Array = NDArray[np.float64]
 
-_LEAST_BORDER = 5  # pixel pairs
+# Borders are cut by cells of this side, px: along an edge the jump passes through whole fringes, by chance, over a
+# stretch, and larger cells would mix it with what differs.
+_CELL_PX = 16
+_AGREEING = 0.75  # share of a stretch's pixel pairs that must agree on the order for it to vote
+_MEETING = 0.5  # share of a vote's pixel pairs whose sides must meet
+_LEAST_BORDER = 5  # pixel pairs that must agree: fewer are a corner
 _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree than in all others
-_OF_ONE_MIND = 0.75  # share of a stretch's pixel pairs that must agree on the order
-_CELL_PX = 16  # side of the cells into which borders are cut
-# What two continued sides may differ by: at least; per change of slope along a side (curvature, noise); per difference
-# of slope between the sides, in px by which the border may lie beside the fold; at most.
+# What two continued sides may differ by, rad: at least; per change of slope along a side (curvature, noise); per
+# difference of slope between the sides, in px by which the border may lie beside the fold; at most, a fifth of a turn.
 _MEETING_RAD, _CURVED, _BESIDE_FOLD_PX, _MOST_RAD = 0.15, 4.0, 1.2, 1.2
-_BEHIND = (2, 4, 6)  # px from the border: nearer ones are blurred over it
-_BESIDE = 2  # px to either side over which the continuation is averaged
+_BEHIND_PX = (2, 4, 6)  # from the border, of the three pixels that are continued: nearer ones are blurred over it
+_BESIDE_PX = 2  # to either side over which the continuation is averaged
 
 
 @njit(cache=True)
 def _continued(values, labels, row, column, towards):  # type: ignore[no-untyped-def]
     """Continue a region to half a pixel beyond (row, column) along the first axis: value, slope, change of slope."""
     label, total, slope, bend, count = labels[row, column], 0.0, 0.0, 0.0, 0
-    for beside in range(-_BESIDE, _BESIDE + 1):
+    for beside in range(-_BESIDE_PX, _BESIDE_PX + 1):
         c = column + beside
-        far = row - _BEHIND[2] * towards
+        far = row - _BEHIND_PX[2] * towards
         if c < 0 or c >= labels.shape[1] or far < 0 or far >= labels.shape[0]:
             continue
-        one, two = row - _BEHIND[0] * towards, row - _BEHIND[1] * towards
+        one, two = row - _BEHIND_PX[0] * towards, row - _BEHIND_PX[1] * towards
         if labels[one, c] != label or labels[two, c] != label or labels[far, c] != label:
             continue
         near_slope = (values[one, c] - values[two, c]) / 2
@@ -43,7 +46,7 @@ def _continued(values, labels, row, column, towards):  # type: ignore[no-untyped
         count += 1
     if count == 0:
         return np.nan, np.nan, np.nan
-    return (total + (_BEHIND[0] + 0.5) * slope) / count, slope / count * towards, abs(bend) / count
+    return (total + (_BEHIND_PX[0] + 0.5) * slope) / count, slope / count * towards, abs(bend) / count
 
 
 @njit(cache=True)
@@ -116,7 +119,7 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
 def _trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
     """Judge every border cell by cell; rows of a, b and the order that b lacks, the longest border first.
 
-    A cell votes if nearly all of its pixel pairs are of one mind. Along a true edge the sides differ by any amount,
+    A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge the sides differ by any amount,
     and where they happen to meet that is so over a short stretch only; along a fold they meet throughout.
     """
     a, b, cell, order, meets = _pairs(values, labels).T
@@ -125,10 +128,10 @@ def _trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int
     vote_first, of_vote = _numbers(of_cell, order)
     number = np.bincount(of_vote, minlength=vote_first.size)
     meeting = np.bincount(of_vote, weights=meets, minlength=vote_first.size)
-    of_one_mind = (number >= _OF_ONE_MIND * np.bincount(of_cell)[of_cell[vote_first]]) & (meeting >= 0.5 * number)
-    voting = vote_first[of_one_mind]
+    agreed = (number >= _AGREEING * np.bincount(of_cell)[of_cell[vote_first]]) & (meeting >= _MEETING * number)
+    voting = vote_first[agreed]
     best_first, candidate = _numbers(border[voting], order[voting])
-    agreeing = np.bincount(candidate, weights=number[of_one_mind], minlength=best_first.size).astype(np.int64)
+    agreeing = np.bincount(candidate, weights=number[agreed], minlength=best_first.size).astype(np.int64)
     chosen = voting[best_first]
     # The order with most pairs, of equals the smallest, comes first for its border.
     ranked = np.lexsort((np.abs(order[chosen]), -agreeing, border[chosen]))

@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 from fringecal.numerics import TURN, robust_sd, wrap
 
 _TURN, _PER_TURN = np.float32(TURN), np.float32(1 / TURN)
-_BEND_LIMITS_RAD = (0.12, 0.45)  # change of slope over three px above which the smoothed phase is cut
-_BEND_SIGMAS = 6.0  # of the noise, between those limits
-# Variance of nine neighbours above which they disagree: their mean direction is then shorter than 0.6.
+# Change of slope over three px above which the smoothed phase is cut: so many standard deviations of the noise, but
+# not less than a smooth surface bends, and not so much that an edge of 0.45 rad, a fourteenth of a fringe, passes.
+_BEND_SIGMAS, _BEND_LIMITS_RAD = 6.0, (0.12, 0.45)
+_NEIGHBOURS = np.float32(9)  # of a 3 x 3 square, all of which must be valid
+# Variance of nine neighbours above which they disagree: their mean direction is then shorter than 0.6, rad^2.
 _MOST_VARIANCE = np.float32(-2 * np.log(0.6))
-_SAMPLE_ROWS = 200
+_SAMPLE_ROWS = 200  # of the picture, along which the noise of the bend is measured
+_BRIDGE_PX = 5  # side of the square that smooth parts must hold: a bridge over an edge is narrower
 
 
 @njit(inline="always")
@@ -48,8 +51,8 @@ def _means(phase, mean, steady):  # type: ignore[no-untyped-def]
         for j in range(1, width - 1):
             middle = total[j] / max(count[j], np.float32(1))
             mean[i, j] = here[j] + middle
-            agree = squares[j] - np.float32(9) * middle * middle < np.float32(9) * _MOST_VARIANCE
-            steady[i, j] = 1 if agree and count[j] == 9 else 0
+            agree = squares[j] - _NEIGHBOURS * middle * middle < _NEIGHBOURS * _MOST_VARIANCE
+            steady[i, j] = 1 if agree and count[j] == _NEIGHBOURS else 0
 
 
 @njit(inline="always")
@@ -84,7 +87,9 @@ def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]
     noise = [_noise_of_bend(mean), _noise_of_bend(mean.T)]
     _cut_at_bends(mean, np.clip(_BEND_SIGMAS * np.array(noise), *_BEND_LIMITS_RAD).astype(np.float32), steady)
     # A bridge over an edge, where the jump happens to be whole fringes, is a few pixels wide: it must not stay.
-    eroded = cv2.erode(steady, np.ones((5, 5), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    eroded = cv2.erode(
+        steady, np.ones((_BRIDGE_PX, _BRIDGE_PX), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,)
+    )
     return np.asarray(eroded, np.uint8), max(noise)
 
 

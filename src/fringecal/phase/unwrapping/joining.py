@@ -17,11 +17,12 @@ N_SWEEPS, N_CLASSES = 4, 9
 
 MASKED = np.uint8(N_CLASSES)
 MAX_PIXELS = 2**30
+"""Pixels of a map: a link is twice its later pixel in 32 bits with their sign."""
 
-_STRIPS = 16
-_KEYS = 2 * N_CLASSES
-_PARENT = np.int64(2**32 - 1)
-_PER_TURN = np.float32(1 / TURN)
+_STRIPS = 16  # of the picture, whose links are counted at once; the result does not depend on it
+_KEYS = 2 * N_CLASSES  # of links: sums of two classes
+_PARENT = np.int64(2**32 - 1)  # the lower 32 bits of a node
+_PER_TURN = np.float32(1 / TURN)  # 1/rad
 
 
 def _table() -> NDArray[np.uint8]:
