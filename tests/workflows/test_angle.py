@@ -7,10 +7,10 @@ import pytest
 
 from fringecal.errors import DetectionError, FringecalError, PhaseError, SessionError
 from fringecal.projector.angle.angle_theory import projector_estimates
+from fringecal.report.report_files import tables_of
 from fringecal.workflows.angle.report import angle_report
 from fringecal.workflows.angle.run import break_angles, picture_angles
 from fringecal.workflows.commission.angle_findings import angles_of
-from fringecal.workflows.shared.sections.report_parts import tables_of
 from fringecal.workflows.shared.stated_projector import projector_of
 
 # Worst error of a column's mean and of the mean over columns, deg: the bars for the phase, ridge and skeleton.

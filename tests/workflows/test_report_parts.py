@@ -8,6 +8,7 @@ import pytest
 
 from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.records.parts import Check
+from fringecal.report.report_files import figures_of, tables_of
 from fringecal.report.structure import FigureItem, Report, Section, Table, Verdict
 from fringecal.report.style import new_figure
 from fringecal.uncertainty.budgets import combined
@@ -17,7 +18,7 @@ from fringecal.uncertainty.influences import Influence
 from fringecal.workflows.commission.camera_section import local_scale, local_scale_table
 from fringecal.workflows.commission.residual_section import StripResiduals, cell_means, scattered
 from fringecal.workflows.reconstruct.report import section_rows
-from fringecal.workflows.shared.sections.report_parts import budget_table, concise, figures_of, severest, tables_of
+from fringecal.workflows.shared.sections.report_parts import budget_table, concise, severest
 
 
 @pytest.mark.parametrize(

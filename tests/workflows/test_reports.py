@@ -12,6 +12,7 @@ from PIL import Image
 
 from fringecal.reconstruct.phase_to_height import Reason
 from fringecal.report.html import render_html
+from fringecal.report.report_files import figures_of, tables_of
 from fringecal.verification.zigzag.filters import FilterResult
 from fringecal.workflows.commission import judged_session
 from fringecal.workflows.commission.angle_findings import angles_of
@@ -21,7 +22,6 @@ from fringecal.workflows.commission.residual_section import residual_maps
 from fringecal.workflows.commission.rig_section import rig_section
 from fringecal.workflows.reconstruct.report import measurement_report
 from fringecal.workflows.reconstruct.run import reconstruct
-from fringecal.workflows.shared.sections.report_parts import figures_of, tables_of
 from fringecal.workflows.verify.report import verdict_of, verification_report
 
 CREATED = datetime(2026, 11, 22, 10, tzinfo=UTC)

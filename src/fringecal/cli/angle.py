@@ -9,7 +9,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import demand_folder, progress, write_report
+from fringecal.cli.shared.saving import demand_folder, progress
+from fringecal.report import write_report
 from fringecal.uncertainty import doubt_text, value_text
 from fringecal.workflows.shared import command_line
 

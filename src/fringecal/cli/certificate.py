@@ -7,7 +7,8 @@ import typer
 
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder
-from fringecal.workflows.shared import SHEETS_FILE, command_line
+from fringecal.report import SHEETS_FILE
+from fringecal.workflows.shared import command_line
 
 HELP = """Write a calibration report: XML (Digital Calibration Certificate 3.3.0), and the same as HTML and PDF.
 
@@ -67,7 +68,6 @@ def _write_template(file: Path, *, as_json: bool) -> None:
 def _write_certificate(
     record: Path, out: Path, lab: Path | None, verification: Path | None, *, draft: bool, as_json: bool
 ) -> None:
-    from fringecal.cli.shared.saving import write_report
     from fringecal.records import (
         CALIBRATION_FILE,
         Laboratory,
@@ -79,6 +79,7 @@ def _write_certificate(
         sha256_of,
         write_bytes,
     )
+    from fringecal.report import write_report
     from fringecal.workflows.certificate import certificate_of, certificate_report
 
     demand_folder(out)

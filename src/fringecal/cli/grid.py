@@ -21,11 +21,11 @@ from fringecal.camera import (
 )
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.pictures import read_picture
-from fringecal.cli.shared.saving import demand_folder, write_report
+from fringecal.cli.shared.saving import demand_folder
 from fringecal.detect import FAMILIES, Polarity, find_dot_grid, find_grid
 from fringecal.errors import TargetError
 from fringecal.records import result_folder, software_versions, write_table
-from fringecal.report import Report, Verdict
+from fringecal.report import REPORT_FILE, Report, Verdict, write_report
 from fringecal.targets import Dots, LineGrid, load_target
 from fringecal.uncertainty import doubt_text, value_text
 from fringecal.workflows.grid import (
@@ -36,7 +36,7 @@ from fringecal.workflows.grid import (
     lines_section,
     scale_section,
 )
-from fringecal.workflows.shared import REPORT_FILE, command_line
+from fringecal.workflows.shared import command_line
 
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 

@@ -13,9 +13,10 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import demand_folder, write_report
+from fringecal.cli.shared.saving import demand_folder
+from fringecal.report import REPORT_FILE, write_report
 from fringecal.uncertainty import doubt_text, value_text
-from fringecal.workflows.shared import REPORT_FILE, command_line
+from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
     import pandas as pd

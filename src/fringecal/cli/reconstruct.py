@@ -7,7 +7,8 @@ import numpy as np
 import typer
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import demand_folder, progress, write_report
+from fringecal.cli.shared.saving import demand_folder, progress
+from fringecal.report import write_report
 from fringecal.workflows.shared import command_line, given
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.

@@ -10,7 +10,8 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome, write_report
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
+from fringecal.report import write_report
 from fringecal.uncertainty import doubt_text, value_text
 from fringecal.workflows.shared import command_line, given
 

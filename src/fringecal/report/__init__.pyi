@@ -157,6 +157,15 @@ from .readable import (
 from .readable import (
     readable_plate as readable_plate,
 )
+from .report_files import (
+    REPORT_FILE as REPORT_FILE,
+)
+from .report_files import (
+    SHEETS_FILE as SHEETS_FILE,
+)
+from .report_files import (
+    write_report as write_report,
+)
 from .structure import (
     DOF as DOF,
 )

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from fringecal.report import REPORT_FILE
 from fringecal.serve.access import Refused
 from fringecal.serve.runs import VERBS, Run, Runs
 from fringecal.serve.uploads import Bounds
 from fringecal.session import FILE_NAME, Session, SessionCheck, check_session
-from fringecal.workflows.shared import REPORT_FILE
 
 _MOST_FOLDERS = 500  # of those below --sessions that are offered: a list that is longer is not read
 _CALIBRATION = "calibration.json"

@@ -6,11 +6,11 @@ import secrets
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
+from fringecal.report import REPORT_FILE
 from fringecal.serve.access import SANDBOX, Refused, demand_reader, page_policy
 from fringecal.serve.desk import Desk, calibrations, ending, start
 from fringecal.serve.runs import Run
 from fringecal.serve.uploads import SUFFIXES, receive
-from fringecal.workflows.shared import REPORT_FILE
 
 if TYPE_CHECKING:
     import flask

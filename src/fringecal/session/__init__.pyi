@@ -1,5 +1,11 @@
 from .captures import (
+    CameraKnown as CameraKnown,
+)
+from .captures import (
     Capture as Capture,
+)
+from .captures import (
+    ProjectorKnown as ProjectorKnown,
 )
 from .captures import (
     Session as Session,
@@ -33,6 +39,12 @@ from .faults import (
 )
 from .faults import (
     joined as joined,
+)
+from .in_memory import (
+    capture_of_arrays as capture_of_arrays,
+)
+from .in_memory import (
+    session_of_captures as session_of_captures,
 )
 from .pictures.capture_files import (
     natural_key as natural_key,

@@ -1,7 +1,7 @@
 """A session that has passed its check: captures, what is known of the rig, and the hash of every input."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -77,6 +77,9 @@ class Capture:
         Rule by which colour becomes grey, or None.
     use
         "calibration" for what the rig is fitted to, "verification" for what must stay independent of that fit.
+    pixels, gray_pixels
+        The frames themselves, (N, H, W), where they are given as arrays (`capture_of_arrays`): `paths` then only names
+        them, and no file is read.
     """
 
     name: str
@@ -94,6 +97,8 @@ class Capture:
     gray_sha256: tuple[str, ...] = ()
     channel: str | None = None
     use: str = "verification"
+    pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
+    gray_pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
 
     def read(self) -> np.ndarray:
         """Read all frames: (N, H, W), uint8 or uint16, read-only, kept after the first call.
@@ -117,11 +122,11 @@ class Capture:
 
     @cached_property
     def _frames(self) -> np.ndarray:
-        return self._stack(self.paths, self.sha256)
+        return self._stack(self.paths, self.sha256) if self.pixels is None else self.pixels
 
     @cached_property
     def _gray_frames(self) -> np.ndarray:
-        return self._stack(self.gray_paths, self.gray_sha256)
+        return self._stack(self.gray_paths, self.gray_sha256) if self.gray_pixels is None else self.gray_pixels
 
     def _stack(self, paths: tuple[Path, ...], hashes: tuple[str, ...]) -> np.ndarray:
         dtype = np.uint8 if self.bits == 8 else np.uint16

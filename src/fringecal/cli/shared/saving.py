@@ -11,12 +11,11 @@ import typer
 
 from fringecal.cli.shared.console import console
 from fringecal.errors import RecordError
+from fringecal.report import REPORT_FILE
 from fringecal.uncertainty import doubt_text, value_text
-from fringecal.workflows.shared import REPORT_FILE, SHEETS_FILE
 
 if TYPE_CHECKING:
     from fringecal.records import Check
-    from fringecal.report import Report
 
 LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
 
@@ -34,20 +33,6 @@ _STYLES = {
     "fail": "bold red",
     "info": "bold",
 }
-
-
-def write_report(report: "Report", folder: Path) -> None:
-    """Write a report as a page and as sheets, with its tables as CSV and its figures beside them."""
-    from fringecal.records import write_bytes, write_table
-    from fringecal.report import write_html, write_pdf
-    from fringecal.workflows.shared import figures_of, tables_of
-
-    for name, frame in tables_of(report).items():
-        write_table(_made(folder / "tables") / name, frame)
-    for name, content in figures_of(report).items():
-        write_bytes(_made(folder / "figures") / name, content)
-    write_html(report, folder / REPORT_FILE)
-    write_pdf(report, folder / SHEETS_FILE)
 
 
 def demand_folder(out: Path) -> None:
@@ -97,11 +82,6 @@ def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path)
     say(f"report: {out / REPORT_FILE}")
     if failed:
         raise typer.Exit(3)
-
-
-def _made(folder: Path) -> Path:
-    folder.mkdir(exist_ok=True)
-    return folder
 
 
 @contextmanager

@@ -26,12 +26,6 @@ from .causes import (
     with_frames_causes as with_frames_causes,
 )
 from .command_words import (
-    REPORT_FILE as REPORT_FILE,
-)
-from .command_words import (
-    SHEETS_FILE as SHEETS_FILE,
-)
-from .command_words import (
     command_line as command_line,
 )
 from .command_words import (
@@ -101,9 +95,6 @@ from .sections.report_parts import (
     estimates_table as estimates_table,
 )
 from .sections.report_parts import (
-    figures_of as figures_of,
-)
-from .sections.report_parts import (
     inputs_of_capture as inputs_of_capture,
 )
 from .sections.report_parts import (
@@ -111,9 +102,6 @@ from .sections.report_parts import (
 )
 from .sections.report_parts import (
     severest as severest,
-)
-from .sections.report_parts import (
-    tables_of as tables_of,
 )
 from .sections.rig_view import (
     field_mm as field_mm,

@@ -1,16 +1,6 @@
-"""A command as it was typed, for records and for those who run it again; the names of the report's files."""
+"""A command as it was typed, for records and for those who run it again."""
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
-
-
-REPORT_FILE = "report.html"
-
-
-SHEETS_FILE = "report.pdf"
 
 
 def command_line(verb: str, arguments: Sequence[object]) -> tuple[str, ...]:

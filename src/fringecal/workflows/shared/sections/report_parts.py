@@ -13,12 +13,9 @@ from fringecal.report import (
     Decision,
     FigureItem,
     InputFile,
-    Report,
     Section,
     Table,
-    figure_bytes,
     phase_overview,
-    slug,
 )
 from fringecal.session import Capture
 from fringecal.uncertainty import Budget, Estimate
@@ -156,25 +153,3 @@ def inputs_of_capture(capture: Capture) -> tuple[InputFile, ...]:
     """List the pictures of a capture with their hashes."""
     files = zip(capture.paths, capture.sha256, strict=True)
     return tuple(InputFile(capture.name, path.name, digest) for path, digest in files)
-
-
-def tables_of(report: Report) -> dict[str, pd.DataFrame]:
-    """Return every table of a report by the file name it is saved as."""
-    tables = [table for section in report.sections for table in section.tables]
-    names = _unique([slug(table.caption) for table in tables])
-    return {f"{name}.csv": table.frame for name, table in zip(names, tables, strict=True)}
-
-
-def figures_of(report: Report) -> dict[str, bytes]:
-    """Return every figure of a report, encoded, by the file name it is saved as."""
-    items = [item for section in report.sections for item in section.figures]
-    names = _unique([slug(item.caption) for item in items])
-    return {f"{name}.{item.encoding}": figure_bytes(item) for name, item in zip(names, items, strict=True)}
-
-
-def _unique(names: Sequence[str]) -> list[str]:
-    """Number the names that stand more than once, so that no file takes another's place."""
-    return [
-        name if names.index(name) == place else f"{name}-{names[:place].count(name) + 1}"
-        for place, name in enumerate(names)
-    ]
