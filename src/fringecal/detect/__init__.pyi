@@ -19,6 +19,9 @@ from .fringes.ridge import (
 from .fringes.skeleton import (
     skeleton_centres as skeleton_centres,
 )
+from .grid.given_crossings import (
+    grid_of_crossings as grid_of_crossings,
+)
 from .grid.grid_search import (
     FAMILIES as FAMILIES,
 )

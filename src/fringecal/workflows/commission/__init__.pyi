@@ -32,6 +32,9 @@ from .calibrated_session import (
     calibrate_session as calibrate_session,
 )
 from .camera import (
+    camera_knowledge as camera_knowledge,
+)
+from .camera import (
     measure_camera as measure_camera,
 )
 from .further import (

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from fringecal.calibration import (
     Calibrated,
+    CameraFindings,
     PlateSurface,
     Standard,
     StripSurfaces,
@@ -32,7 +33,9 @@ class CalibratedSession:
     result: Calibrated
 
 
-def calibrate_session(session: Session, *, progress: Progress = lambda _: None) -> CalibratedSession:
+def calibrate_session(
+    session: Session, *, camera: CameraFindings | None = None, progress: Progress = lambda _: None
+) -> CalibratedSession:
     """Calibrate a rig from a session that holds a grid, the bare plate and strips.
 
     Parameters
@@ -40,6 +43,8 @@ def calibrate_session(session: Session, *, progress: Progress = lambda _: None) 
     session
         A checked session with captures of kind grid, reference and strips. Artefacts that state
         use = "calibration" take part in the fit.
+    camera
+        The camera on the plate, where it is already known; the session then needs no grid.
     progress
         Called with a short sentence before each step.
 
@@ -50,9 +55,10 @@ def calibrate_session(session: Session, *, progress: Progress = lambda _: None) 
     DetectionError, PhaseError, FitError
         What the pictures do not show or determine, with the reason.
     """
-    _demand(session, "grid", "reference", "strips")
-    progress("finding the grid and fitting the camera")
-    camera = measure_camera(session)
+    _demand(session, *(() if camera else ("grid",)), "reference", "strips")
+    if camera is None:
+        progress("finding the grid and fitting the camera")
+        camera = measure_camera(session)
     progress("phase of the bare plate")
     reference = phase_of_capture(session.one("reference"))
     plate = _plate(reference)

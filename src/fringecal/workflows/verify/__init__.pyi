@@ -41,6 +41,9 @@ from .report_artefact import (
     numbers_section as numbers_section,
 )
 from .run import (
+    VERIFIED as VERIFIED,
+)
+from .run import (
     Verification as Verification,
 )
 from .run import (

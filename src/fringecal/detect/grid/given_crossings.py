@@ -1,0 +1,67 @@
+"""A grid whose crossings were measured elsewhere: indexed points in, the same value as from a picture out."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fringecal.detect.grid.grid_search import FAMILIES, MIN_LINES, GridDetection, GridLine
+from fringecal.detect.grid.line_points import LineStatus
+from fringecal.detect.grid.line_profile import LineProfile
+from fringecal.errors import DetectionError
+
+
+def grid_of_crossings(
+    row: ArrayLike,
+    column: ArrayLike,
+    u_px: ArrayLike,
+    v_px: ArrayLike,
+    *,
+    shape: tuple[int, int],
+    sigma_px: ArrayLike = 0.02,
+) -> GridDetection:
+    """Return a detected grid from crossings that another program measured.
+
+    Its lines run through the crossings themselves; width and blur of the lines are not known, and stand as 0.
+
+    Parameters
+    ----------
+    row, column
+        Whole-number index of every crossing, (n,); any origin, rows downward and columns to the right.
+    u_px, v_px
+        Position of every crossing, px, (n,).
+    shape
+        (height, width) of the picture, px.
+    sigma_px
+        Standard uncertainty of a crossing per axis, px: one for all, or (n,).
+
+    Raises
+    ------
+    DetectionError
+        Indices that are not whole numbers or stand twice, positions that are not finite, or fewer than 3 x 3 lines.
+
+    Examples
+    --------
+    >>> row, column = (index.ravel() for index in np.mgrid[0:4, 0:5])
+    >>> grid = grid_of_crossings(row, column, 10.0 + 20 * column, 12.0 + 20 * row, shape=(100, 120))
+    >>> len(grid.family("horizontal")), len(grid.family("vertical"))
+    (4, 5)
+    """
+    index = np.stack([np.asarray(row, float), np.asarray(column, float)])
+    points = np.stack([np.asarray(u_px, float), np.asarray(v_px, float)])
+    if index.ndim != 2 or index.shape != points.shape:
+        raise DetectionError("one row, column, u and v for each crossing are needed, as lists of one length")
+    if not (np.all(index == np.rint(index)) and np.all(np.isfinite(points))):
+        raise DetectionError("rows and columns are whole numbers, positions finite; leave out crossings without one")
+    sites = (index - index.min(axis=1, keepdims=True)).astype(np.int64)
+    if np.unique(sites, axis=1).shape[1] < sites.shape[1]:
+        raise DetectionError("two crossings have one row and column; index each once")
+    if min(len(np.unique(line)) for line in sites) < MIN_LINES:
+        raise DetectionError(f"crossings of {MIN_LINES} x {MIN_LINES} lines at least are needed to see a lens")
+    sigma = np.broadcast_to(np.asarray(sigma_px, float), sites[0].shape).copy()
+    lines = tuple(
+        GridLine(family, k, points[0, pick], points[1, pick], sigma[pick], np.full(pick.sum(), int(LineStatus.OK)))
+        for family, site in zip(FAMILIES, sites, strict=True)
+        for k in range(int(site.max()) + 1)
+        for pick in [site == k]
+        if pick.any()
+    )
+    return GridDetection(sites[0], sites[1], points[0], points[1], sigma, lines, shape, "dark", LineProfile(0.0, 0.0))

@@ -1,0 +1,27 @@
+from .calibrating import (
+    calibrate as calibrate,
+)
+from .calibration_value import (
+    Calibration as Calibration,
+)
+from .known_values import (
+    known as known,
+)
+from .results import (
+    AuditResult as AuditResult,
+)
+from .results import (
+    VerificationResult as VerificationResult,
+)
+from .surface_value import (
+    Surface as Surface,
+)
+from .using import (
+    audit as audit,
+)
+from .using import (
+    measure as measure,
+)
+from .using import (
+    verify as verify,
+)
