@@ -35,8 +35,9 @@ ALLOWED = {
     "simulate": {"errors", "targets"},  # shares no estimate with the code that it tests
     "thesis": EVERYONE | {"phase", "simulate"},
     "workflows": EVERYONE | MEASURING | TELLING | {"simulate", "thesis"},
+    "library": EVERYONE | MEASURING | TELLING | {"workflows"},
     "serve": EVERYONE | {"session"} | TELLING | {"workflows"},
-    "cli": EVERYONE | MEASURING | TELLING | {"simulate", "thesis", "workflows", "serve"},
+    "cli": EVERYONE | MEASURING | TELLING | {"simulate", "thesis", "workflows", "library", "serve"},
 }
 # Of the folders of `workflows`, which may call which: all may use `shared`.
 WORKFLOWS = {

@@ -7,10 +7,10 @@ from .calibration_value import (
 from .known_values import (
     known as known,
 )
-from .results import (
+from .verdicts import (
     AuditResult as AuditResult,
 )
-from .results import (
+from .verdicts import (
     VerificationResult as VerificationResult,
 )
 from .surface_value import (

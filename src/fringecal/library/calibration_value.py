@@ -29,7 +29,7 @@ from fringecal.workflows.shared import calibration_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fringecal.library.results import AuditResult, VerificationResult
+    from fringecal.library.verdicts import AuditResult, VerificationResult
     from fringecal.library.surface_value import Surface
 
 #: Estimates of a record that have a budget in it.
