@@ -36,6 +36,11 @@ RIGS = ("thesis", "oblique", "telecentric")
 STEPS = ((0, 120, 240), (0, 90, 180, 270), (0, 72, 144, 216, 288), (0, 45, 90, 135, 180, 225, 270, 315))
 
 
+def names_of(found):
+    """Kinds of the findings, as files name them."""
+    return tuple(kind.value for kind in found.kinds())
+
+
 def bench_module():
     path = ROOT / "phase" / "test_doctor.py"
     spec = importlib.util.spec_from_file_location("doctor_faults", path)
@@ -135,14 +140,16 @@ def shaken(frames, steps, rng, moved_rad):
 
 
 def seen_in_repeats(frames, steps, rng, moved_rad):
-    return [one.name for one in findings_of_repeats(compare_repeats(shaken(frames, steps, rng, moved_rad), steps))]
+    return [
+        one.kind.value for one in findings_of_repeats(compare_repeats(shaken(frames, steps, rng, moved_rad), steps))
+    ]
 
 
 def analytic_faults(seed):
     injected = bench_module()
     bench = injected.Bench(9000 + seed)
     for name, frames, plate in injected.faults(bench):
-        yield name, diagnose(frames, bench.steps, reference=plate).names()
+        yield name, names_of(diagnose(frames, bench.steps, reference=plate))
     yield BETWEEN_REPEATS, seen_in_repeats(bench.shoot(), bench.steps, bench.rng, 0.05)
 
 
@@ -152,12 +159,12 @@ def rendered_faults(seed):
     drawn = ("gamma", "wrong steps", "uneven steps")
     for name, pictures in in_pictures(frames, steps, rng):
         if name not in drawn:
-            yield name, diagnose(pictures, steps, reference=frames if name == "swapped frames" else None).names()
+            yield name, names_of(diagnose(pictures, steps, reference=frames if name == "swapped frames" else None))
     off = tuple(float(rng.uniform(3, 8)) * (k == 1) for k in range(len(steps)))
     turn = tuple((float(k * rng.uniform(3, 8)), 0.0) for k in range(len(steps)))
     ways = {"gamma": float(rng.uniform(1.4, 2.4))}, {"error_deg": off}, {"tilt_deg": turn}
     for name, faults in zip(drawn, ways, strict=True):
-        yield name, diagnose(rendered(seed, **faults)[0], steps).names()
+        yield name, names_of(diagnose(rendered(seed, **faults)[0], steps))
     yield BETWEEN_REPEATS, seen_in_repeats(frames, steps, rng, 0.05)
 
 
@@ -167,7 +174,7 @@ def real_faults(name, rng):
         if fault == "uneven steps" and name in SIX_FRINGES:
             continue
         # Three frames in another order look perfect alone: the plate beside them tells.
-        yield fault, diagnose(pictures, steps, reference=frames if fault == "swapped frames" else None).names()
+        yield fault, names_of(diagnose(pictures, steps, reference=frames if fault == "swapped frames" else None))
     yield BETWEEN_REPEATS, seen_in_repeats(frames, steps, rng, 0.05)
 
 
@@ -186,9 +193,9 @@ def cases(sets, clean, rounds):
     injected = bench_module()
     for seed in range(clean):
         bench = injected.Bench(5000 + seed)
-        yield "analytic", seed, "", diagnose(bench.shoot(), bench.steps).names()
+        yield "analytic", seed, "", names_of(diagnose(bench.shoot(), bench.steps))
         frames, steps = rendered(5000 + seed)
-        yield "rendered", seed, "", diagnose(frames, steps).names()
+        yield "rendered", seed, "", names_of(diagnose(frames, steps))
 
 
 def main(sets, clean, rounds, rows):

@@ -105,7 +105,7 @@ def real_sets():
     wave = estimate_waveform(plane, stated)
     bare = demodulate(plane, stated)
     ripples = [ripple_of(one, bare.phase) for one in (bare, correct_gamma(bare, stated, wave))]
-    names = diagnose(plane, stated).names()
+    names = [kind.value for kind in diagnose(plane, stated).kinds()]
     print(f"kamino gamma 0.75: named {names}; ripple {ripples[0]:.4f} -> {ripples[1]:.4f} rad rms along a row, "
           f"{ripples[0] / ripples[1]:.1f} times less (bar 3)")  # fmt: skip
 

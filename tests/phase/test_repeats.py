@@ -5,6 +5,7 @@ import pytest
 
 from fringecal.errors import PhaseError
 from fringecal.phase import compare_repeats, findings_of_repeats, mean_of_repeats
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 THREE = np.deg2rad([0, 120, 240])
 SHAPE = (160, 200)
@@ -28,14 +29,14 @@ def test_movement_of_the_whole_is_measured(camera, rng):
     # Mean of 32 000 pixels of 0.01 rad noise.
     np.testing.assert_allclose(found.shift_rad, [-0.01, 0.05, -0.04], atol=0.001)
     (finding,) = findings_of_repeats(found)
-    assert finding.name == "vibration between repeats"
+    assert finding.kind is FindingKind.VIBRATION_BETWEEN_REPEATS
     # Standard deviation of 0, 0.06, -0.03.
     assert finding.cost_rad == pytest.approx(np.std([0, 0.06, -0.03], ddof=1), rel=0.1)
 
 
 def test_movement_of_single_frames_is_named(camera, rng):
     found = findings_of_repeats(compare_repeats(repeats(camera, rng, single_rad=0.05), THREE))
-    assert [finding.name for finding in found] == ["vibration between repeats"]
+    assert [finding.kind for finding in found] == [FindingKind.VIBRATION_BETWEEN_REPEATS]
 
 
 @pytest.mark.parametrize("fault", [{}, {"exponent": 2.0}, {"lamp": (1, 1.03, 0.97)}])
@@ -46,7 +47,8 @@ def test_what_all_repeats_share_is_no_movement(fault, camera, rng):
 def test_a_repeat_that_was_only_stored_again_is_stale(camera, rng):
     sets = repeats(camera, rng)
     sets[2] = sets[1]
-    assert [finding.name for finding in findings_of_repeats(compare_repeats(sets, THREE))] == ["stale frame"]
+    found = findings_of_repeats(compare_repeats(sets, THREE))
+    assert [finding.kind for finding in found] == [FindingKind.STALE_FRAME]
 
 
 def test_mean_keeps_saturation():

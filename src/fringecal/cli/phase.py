@@ -1,7 +1,6 @@
 """`fringecal phase`: phase maps of a session's phase-shifted captures, or of pictures, and what they show."""
 
 from collections.abc import Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +32,7 @@ from fringecal.cli.shared.phase_sets import (
 from fringecal.phase import (
     Diagnosis,
     Finding,
+    FindingKind,
     PhaseSummary,
     StepEstimate,
     compare_repeats,
@@ -112,7 +112,7 @@ def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[
 def _doctor_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
     """Put what the doctor found into plain numbers."""
     ripple = {str(order): value for order, value in diagnosis[0].ripple_rad.items()}
-    return {"findings": [asdict(finding) for finding in diagnosis[1]], "ripple_rad": ripple}
+    return {"findings": [finding.document() for finding in diagnosis[1]], "ripple_rad": ripple}
 
 
 def _between_repeats(one: PhaseSet) -> tuple[Finding, ...]:
@@ -267,4 +267,5 @@ def _finding_sentence(finding: dict[str, Any]) -> str:
     """Write one finding as a sentence: what, how large, what it costs, what to do."""
     rad, mm = finding["cost_rad"], finding["cost_mm"]
     cost = "costs pixels" if rad is None else f"costs {rad:.3f} rad rms" + (f", {mm:.3f} mm" if mm is not None else "")
-    return f"{finding['name'].upper()}: {finding['what']} ({finding['how_large']}); {cost}; {finding['remedy']}"
+    name = FindingKind(finding["name"]).text.upper()
+    return f"{name}: {finding['what']} ({finding['how_large']}); {cost}; {finding['remedy']}"

@@ -94,6 +94,9 @@ from .diagnostics.diagnosis import (
 from .diagnostics.evidence import (
     Finding as Finding,
 )
+from .diagnostics.finding_kinds import (
+    FindingKind as FindingKind,
+)
 from .diagnostics.set_summary import (
     PhaseSummary as PhaseSummary,
 )

@@ -10,6 +10,7 @@ from fringecal.numerics import wrap
 from fringecal.phase.demodulation.demodulate import demodulate
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, estimate_steps
 from fringecal.phase.diagnostics.evidence import Finding
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 LEAST_SHIFT_RAD = 0.01
 """Rms movement between repeats that is worth a word: 0.15 % of a fringe, the noise of one good pixel."""
@@ -122,7 +123,7 @@ def findings_of_repeats(scatter: RepeatScatter) -> tuple[Finding, ...]:
         i, j = scatter.copies[0]
         findings.append(
             Finding(
-                "stale frame",
+                FindingKind.STALE_FRAME,
                 f"repeats {i + 1} and {j + 1} share a picture bit by bit",
                 f"{len(scatter.copies)} pairs of {len(scatter.shift_rad)} repeats",
                 None,
@@ -135,7 +136,7 @@ def findings_of_repeats(scatter: RepeatScatter) -> tuple[Finding, ...]:
         single = float(np.abs(scatter.steps_rad).max())
         findings.append(
             Finding(
-                "vibration between repeats",
+                FindingKind.VIBRATION_BETWEEN_REPEATS,
                 "the fringes lie elsewhere from repeat to repeat: rig, plate or projector moved between frames",
                 f"whole sets up to {largest:.3f} rad, single frames up to {single:.3f} rad",
                 scatter.moved_rad,

@@ -13,10 +13,8 @@ from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_peri
 from fringecal.phase.demodulation.phase_shifts import StepEstimate, steps_and_blocks
 from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
 from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 from fringecal.phase.diagnostics.symptoms import TESTS
-
-# With such a fault, everything that is measured from the frames' differences is nonsense.
-_FATAL = ("stale frame", "duplicate frames", "swapped frames")
 
 
 @dataclass(frozen=True)
@@ -51,9 +49,9 @@ class Diagnosis:
         """Return the amplitude of each order of ripple, rad."""
         return {order: abs(value) for order, value in self.ripple.items()}
 
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the findings."""
-        return tuple(finding.name for finding in self.findings)
+    def kinds(self) -> tuple[FindingKind, ...]:
+        """Return the kinds of the findings."""
+        return tuple(finding.kind for finding in self.findings)
 
 
 def diagnose(
@@ -104,7 +102,7 @@ def diagnose(
         notes.append(f"steps, brightness and wave shape could not be looked at: {error}")
     notes += smoothed_noise(map_, evidence.steps)
     findings = [finding for test in TESTS for finding in test(evidence)]
-    fatal = [finding for finding in findings if finding.name in _FATAL]
+    fatal = [finding for finding in findings if finding.kind.fatal]
     return Diagnosis(
         tuple(_priced(fatal or findings, mm_per_rad)),
         map_,

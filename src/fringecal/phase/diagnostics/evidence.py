@@ -1,6 +1,7 @@
 """What the doctor's tests look at, and what they say of it."""
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,7 @@ from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod
 from fringecal.phase.demodulation.phase_shifts import StepEstimate
 from fringecal.phase.demodulation.waveform import Waveform
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 SIGNIFICANT = 4.0
 """Standard uncertainties beyond which a deviation is believed."""
@@ -23,8 +25,8 @@ class Finding:
 
     Parameters
     ----------
-    name
-        Short and fixed, for programs and tables.
+    kind
+        What it is.
     what
         What the frames show.
     how_large
@@ -37,12 +39,17 @@ class Finding:
         The same as height, mm, where the scale is known.
     """
 
-    name: str
+    kind: FindingKind
     what: str
     how_large: str
     cost_rad: float | None
     remedy: str
     cost_mm: float | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return it as files hold it, its kind under the key `name`."""
+        fields = asdict(self)
+        return {"name": fields.pop("kind").value, **fields}
 
 
 @dataclass(frozen=True)

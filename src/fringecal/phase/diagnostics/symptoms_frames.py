@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import wrap
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 EQUAL_SHARE = 0.15
 """Two frames are of one step if they differ by less than this share of what frames of this set differ by."""
@@ -33,7 +34,7 @@ def duplicates(evidence: Evidence) -> Iterator[Finding]:
             continue
         copied = difference == 0
         yield Finding(
-            "stale frame" if copied else "duplicate frames",
+            FindingKind.STALE_FRAME if copied else FindingKind.DUPLICATE_FRAMES,
             f"frames {i + 1} and {j + 1} are {'the same picture, bit by bit' if copied else 'of the same step'}",
             f"they differ by {difference:.2f} grey levels rms, others by {typical:.0f}",
             apart / np.sqrt(6),
@@ -61,7 +62,7 @@ def misordered(evidence: Evidence) -> Iterator[Finding]:
     best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
     if misfits.min() < _MISORDERED * as_stated and as_stated > 10 * noise and as_stated > 0.05 * np.trace(power):
         yield Finding(
-            "swapped frames",
+            FindingKind.SWAPPED_FRAMES,
             f"the frames fit the stated steps in the order {', '.join(str(k + 1) for k in best)}",
             f"misfit {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(misfits.min() / n):.1f} in that order",
             float(np.pi / 2),
@@ -85,7 +86,7 @@ def mirrored(evidence: Evidence) -> Iterator[Finding]:
     cosine = float(here @ there / np.hypot(*here) / np.hypot(*there))
     if cosine < -0.5:
         yield Finding(
-            "swapped frames",
+            FindingKind.SWAPPED_FRAMES,
             "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
             f"directions {evidence.period.direction_deg:z.0f} and {evidence.reference_period.direction_deg:z.0f} deg",
             float(np.pi / np.sqrt(3)),
@@ -105,7 +106,7 @@ def foreign(evidence: Evidence) -> Iterator[Finding]:
     worst, rest = int(differences.argmin()), np.delete(differences, differences.argmin())
     if differences[worst] < 2 * noise and rest.min() > 4 * max(differences[worst], noise):
         yield Finding(
-            "stale frame",
+            FindingKind.STALE_FRAME,
             f"frame {worst + 1} shows the reference and not what the other frames show",
             f"it differs from the reference by {differences[worst]:.1f} grey levels rms, others by {rest.min():.0f}",
             float(np.pi / np.sqrt(3)),

@@ -8,6 +8,7 @@ from fringecal.phase.demodulation.demodulate import Reason
 from fringecal.phase.demodulation.phase_shifts import share_of_mean
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
 from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Evidence, Finding
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 LEAST_GAIN_ERROR = 0.01
 LEAST_BLUR = 0.04
@@ -24,7 +25,7 @@ def saturated(evidence: Evidence) -> Iterator[Finding]:
     share = float(((evidence.map.reasons & Reason.SATURATED) > 0).mean())
     if share > LEAST_SATURATED:
         yield Finding(
-            "saturation",
+            FindingKind.SATURATION,
             "pixels reach the white level at the crest of the fringes and are masked",
             f"{share:.1%} of the picture",
             None,
@@ -45,7 +46,7 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
         level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
         error = phase_error(evidence.steps_rad, gains=1 + modulation, offsets=level * background)
         yield Finding(
-            "lamp drift",
+            FindingKind.LAMP_DRIFT,
             f"frame {worst + 1} is {'brighter' if background[worst] > 0 else 'darker'} than the set's mean",
             f"{background[worst]:+.1%} in background, {modulation[worst]:+.1%} in modulation",
             ripple_rms(error),
@@ -55,7 +56,7 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
     u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
     if -blurred[weakest] > max(LEAST_BLUR, SIGNIFICANT * u_blurred) and abs(background[worst]) < LEAST_BLUR:
         yield Finding(
-            "vibration",
+            FindingKind.VIBRATION,
             f"the fringes of frame {weakest + 1} are weaker at the same brightness: they moved while it was exposed",
             f"{blurred[weakest]:+.1%} in modulation",
             ripple_rms(phase_error(evidence.steps_rad, gains=1 + modulation)),
@@ -75,7 +76,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
     if abs(clipped) > max(LEAST_CLIPPING, SIGNIFICANT * wave.u[1], OF_GAMMA * abs(second)):
         yield Finding(
-            "clipped slide",
+            FindingKind.CLIPPED_SLIDE,
             "the fringes have flat tops or bottoms: the slide or the projector clips them",
             f"third harmonic {third:+.1%} of the first, where gamma would give {of_gamma:+.1%}",
             cost,
@@ -85,7 +86,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     harm = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.significant))
     if harm > LEAST_RIPPLE_RAD or abs(wave.significant[0]) > LEAST_SECOND_HARMONIC:
         yield Finding(
-            "gamma",
+            FindingKind.GAMMA,
             "projector or camera does not answer in proportion to light",
             f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}): second harmonic {second:+.1%} of the first, "
             f"third {third:+.1%}",
@@ -104,7 +105,7 @@ def contrast(evidence: Evidence) -> Iterator[Finding]:
     ratio = float(np.median(map_.modulation[use] / np.maximum(map_.background[use], 1e-6))) if use.any() else 0.0
     if ratio < LEAST_CONTRAST:
         yield Finding(
-            "defocus",
+            FindingKind.DEFOCUS,
             "the fringes are weak against their background: out of focus, or drowned in other light",
             f"modulation is {ratio:.0%} of the background, where a sharp slide gives 60 to 90 %",
             float(np.median(map_.sigma[use])) if use.any() else None,

@@ -6,6 +6,7 @@ import numpy as np
 
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
+from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 LEAST_COST_RAD = 0.004
 """A systematic error of the phase below this (rms) is not worth a word: the noise of one good pixel is 0.01."""
@@ -27,7 +28,7 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
     if sure and ripple_rms(error) > LEAST_COST_RAD:
         found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(steps.steps_rad))
         yield Finding(
-            "wrong steps",
+            FindingKind.WRONG_STEPS,
             f"the frames' steps are {found} deg",
             f"up to {np.rad2deg(steps.errors_rad[worst]):+z.2f} deg (u {np.rad2deg(steps.u_rad[worst]):.2f}) "
             "from those stated",
@@ -39,7 +40,7 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
     largest = float(np.abs(change * [width, height]).max())
     if largest > LEAST_GRADIENT_RAD:
         yield Finding(
-            "uneven steps",
+            FindingKind.UNEVEN_STEPS,
             "a step is not the same all over the field: the fringes turned or stretched as they were moved",
             f"{np.rad2deg(largest):.2f} deg from edge to edge",
             largest / 2 / np.sqrt(6),
@@ -57,7 +58,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
     length = width * abs(np.cos(direction)) + height * abs(np.sin(direction))
     if period.period_px < LEAST_PERIOD_PX:
         yield Finding(
-            "too few pixels per fringe",
+            FindingKind.SHORT_FRINGES,
             "a pixel averages over a large part of a fringe, and edges mix fringes",
             f"{period.period_px:.1f} px per fringe; 8 to 40 are good",
             None,
@@ -65,7 +66,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
         )
     elif length / period.period_px < LEAST_FRINGES:
         yield Finding(
-            "too many pixels per fringe",
+            FindingKind.LONG_FRINGES,
             "there are few fringes in the picture: a height moves the phase little",
             f"{period.period_px:.0f} px per fringe, {length / period.period_px:.1f} fringes in the picture",
             None,

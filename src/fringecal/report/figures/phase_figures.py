@@ -100,7 +100,7 @@ def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
     _ripple(ripple, diagnosis)
     _wave(wave, diagnosis)
     _frames(frames, diagnosis)
-    names = ", ".join(dict.fromkeys(diagnosis.names())) or "nothing found"
+    names = ", ".join(dict.fromkeys(kind.text for kind in diagnosis.kinds())) or "nothing found"
     figure.suptitle(f"{title}: {names}" if title else names)
     return figure
 

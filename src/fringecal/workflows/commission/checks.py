@@ -91,10 +91,10 @@ def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]
 
 def _frames_check(examined: "Examination", limits: Limits) -> Check:
     """Judge what the doctor found wrong with frames and the phase used is not corrected for."""
-    left = [finding for finding in examined.findings if finding.name not in examined.undone]
+    left = [finding for finding in examined.findings if finding.kind not in examined.undone]
     cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
     limit = limits.commission.frames_rad
-    named = ", ".join(dict.fromkeys(finding.name for finding in left)) or "nothing"
+    named = ", ".join(dict.fromkeys(finding.kind.text for finding in left)) or "nothing"
     return Check(
         name=f"frames of {examined.phase.capture.name}",
         value=cost,

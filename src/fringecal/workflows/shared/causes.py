@@ -3,12 +3,11 @@
 from collections.abc import Iterator
 
 from fringecal.errors import FringecalError
-from fringecal.phase import PhaseMap, diagnose
+from fringecal.phase import FindingKind, PhaseMap, diagnose
 from fringecal.session import Capture
 from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
 
 _LEAST_SHARE = 0.3  # of the picture: with fewer fringes the strips' row breaks up
-_FATAL = ("swapped frames", "stale frame", "duplicate frames")  # of the doctor's findings: no correction undoes them
 _REMEDIES = {
     "saturated": "expose shorter, or dim the lamp",
     "dark": "more light is needed",
@@ -69,12 +68,12 @@ def main_reason(phase: PhaseMap) -> str:
 
 def _faults(strips: CapturePhase, reference: CapturePhase) -> Iterator[str]:
     """Let the doctor look for frames in another order, or of one step, in either capture."""
-    seen: set[str] = set()
+    seen: set[FindingKind] = set()
     for phase, beside in ((reference, None), (strips, reference.capture)):
         yield from _faults_of(phase, beside, seen)
 
 
-def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[str]) -> Iterator[str]:
+def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[FindingKind]) -> Iterator[str]:
     """Name what no correction undoes in one capture, but for what was `seen` before."""
     capture = phase.capture
     frames = capture.read_set(period=shortest_period(capture))
@@ -83,6 +82,7 @@ def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[str]) -> I
         plate = None
     found = diagnose(frames, capture.steps_rad, white_level=capture.white_level, reference=plate)
     for finding in found.findings:
-        if finding.name in _FATAL and finding.name not in seen:
-            seen.add(finding.name)
-            yield f"Capture {capture.name!r}, {finding.name}: {finding.what} ({finding.how_large}); {finding.remedy}."
+        if finding.kind.fatal and finding.kind not in seen:
+            seen.add(finding.kind)
+            named = f"Capture {capture.name!r}, {finding.kind.text}"
+            yield f"{named}: {finding.what} ({finding.how_large}); {finding.remedy}."

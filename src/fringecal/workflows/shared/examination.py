@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fringecal.errors import PhaseError
-from fringecal.phase import Diagnosis, Finding, compare_repeats, diagnose, findings_of_repeats
+from fringecal.phase import Diagnosis, Finding, FindingKind, compare_repeats, diagnose, findings_of_repeats
 from fringecal.projector import RigCalibration
 from fringecal.session import Capture, Session
 from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
@@ -17,7 +17,7 @@ class Examination:
 
     phase: CapturePhase
     diagnosis: Diagnosis
-    undone: frozenset[str]
+    undone: frozenset[FindingKind]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -34,9 +34,9 @@ class Examination:
             height = "" if finding.cost_mm is None else f", {finding.cost_mm:.3f} mm of height"
             cost = f"it costs {finding.cost_rad:.3f} rad rms{height}"
         done = f"undone in the phase used; to be rid of it: {finding.remedy}"
-        what = done if finding.name in self.undone else finding.remedy
+        what = done if finding.kind in self.undone else finding.remedy
         name = self.phase.capture.name
-        return f"{name}: {finding.name}: {finding.what} ({finding.how_large}); {cost}; {what}."
+        return f"{name}: {finding.kind.text}: {finding.what} ({finding.how_large}); {cost}; {what}."
 
 
 def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture | None = None) -> Examination:
@@ -97,16 +97,16 @@ def _with_repeats(found: Diagnosis, capture: Capture, calibration: RigCalibratio
     return replace(found, findings=(*found.findings, *more))
 
 
-def _undone(phase: CapturePhase) -> frozenset[str]:
-    """Return the names of the findings that the phase used is corrected for."""
+def _undone(phase: CapturePhase) -> frozenset[FindingKind]:
+    """Return the kinds of findings that the phase used is corrected for."""
     used = phase.adapted
-    names = set()
+    kinds = set()
     if phase.used == "estimated":
-        names.add("wrong steps")
+        kinds.add(FindingKind.WRONG_STEPS)
     if used.scheme.name == "equalised":
-        names |= {"lamp drift", "vibration"}
+        kinds |= {FindingKind.LAMP_DRIFT, FindingKind.VIBRATION}
     if used.change_rad_px.any():
-        names.add("uneven steps")
+        kinds.add(FindingKind.UNEVEN_STEPS)
     if used.wave is not None and used.wave.matters(used.scheme):
-        names |= {"gamma", "clipped slide"}
-    return frozenset(names)
+        kinds |= {FindingKind.GAMMA, FindingKind.CLIPPED_SLIDE}
+    return frozenset(kinds)

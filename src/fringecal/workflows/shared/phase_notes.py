@@ -39,7 +39,7 @@ def steps_record(examined: Examination) -> StepsRecord:
 def findings_of(examined: Examination) -> tuple[FindingRecord, ...]:
     """Return what the record keeps of the doctor's findings."""
     return tuple(
-        FindingRecord(**asdict(finding), undone=finding.name in examined.undone) for finding in examined.findings
+        FindingRecord(**finding.document(), undone=finding.kind in examined.undone) for finding in examined.findings
     )
 
 

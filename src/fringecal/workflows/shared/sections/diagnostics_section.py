@@ -26,19 +26,19 @@ def _row(one: Examination, number: int) -> dict[str, object]:
     finding = one.findings[number]
     return {
         "capture": one.phase.capture.name,
-        "finding": finding.name,
+        "finding": finding.kind.text,
         "what": finding.what,
         "how large": finding.how_large,
         "cost / rad": finding.cost_rad,
         "cost / mm": finding.cost_mm,
-        "undone": "yes" if finding.name in one.undone else "no",
+        "undone": "yes" if finding.kind in one.undone else "no",
         "what to do": finding.remedy,
     }
 
 
 def _figure(one: Examination) -> FigureItem:
     name = one.phase.capture.name
-    found = ", ".join(dict.fromkeys(one.diagnosis.names())) or "nothing wrong"
+    found = ", ".join(dict.fromkeys(kind.text for kind in one.diagnosis.kinds())) or "nothing wrong"
     return FigureItem(
         f"Frames of {name}",
         doctor_overview(one.diagnosis, title=name),

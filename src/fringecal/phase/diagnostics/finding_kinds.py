@@ -1,0 +1,53 @@
+"""What can be wrong with phase-shifted frames, and the texts that name it to a reader."""
+
+from enum import Enum
+
+
+class FindingKind(Enum):
+    """One thing that can be wrong; the value names it in files and never changes."""
+
+    STALE_FRAME = "stale frame"
+    DUPLICATE_FRAMES = "duplicate frames"
+    SWAPPED_FRAMES = "swapped frames"
+    SATURATION = "saturation"
+    LAMP_DRIFT = "lamp drift"
+    VIBRATION = "vibration"
+    VIBRATION_BETWEEN_REPEATS = "vibration between repeats"
+    CLIPPED_SLIDE = "clipped slide"
+    GAMMA = "gamma"
+    DEFOCUS = "defocus"
+    WRONG_STEPS = "wrong steps"
+    UNEVEN_STEPS = "uneven steps"
+    SHORT_FRINGES = "too few pixels per fringe"
+    LONG_FRINGES = "too many pixels per fringe"
+
+    @property
+    def fatal(self) -> bool:
+        """Whether no correction undoes it: all else that is measured from the frames' differences is meaningless."""
+        return self in _FATAL
+
+    @property
+    def text(self) -> str:
+        """What a reader sees."""
+        return FINDING_TEXTS[self]
+
+
+_FATAL = frozenset({FindingKind.STALE_FRAME, FindingKind.DUPLICATE_FRAMES, FindingKind.SWAPPED_FRAMES})
+
+#: What a reader sees of each, in reports, tables and messages; it steers nothing.
+FINDING_TEXTS: dict[FindingKind, str] = {
+    FindingKind.STALE_FRAME: "stale frame",
+    FindingKind.DUPLICATE_FRAMES: "duplicate frames",
+    FindingKind.SWAPPED_FRAMES: "swapped frames",
+    FindingKind.SATURATION: "saturation",
+    FindingKind.LAMP_DRIFT: "lamp drift",
+    FindingKind.VIBRATION: "vibration",
+    FindingKind.VIBRATION_BETWEEN_REPEATS: "vibration between repeats",
+    FindingKind.CLIPPED_SLIDE: "clipped slide",
+    FindingKind.GAMMA: "gamma",
+    FindingKind.DEFOCUS: "defocus",
+    FindingKind.WRONG_STEPS: "wrong steps",
+    FindingKind.UNEVEN_STEPS: "uneven steps",
+    FindingKind.SHORT_FRINGES: "too few pixels per fringe",
+    FindingKind.LONG_FRINGES: "too many pixels per fringe",
+}
