@@ -17,9 +17,10 @@ from fringecal.projector.rig_model import RigModel
 from fringecal.records.exports.surface_files import write_mesh
 from fringecal.session import load_session, write_session
 from fringecal.targets import parse_target
-from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty import Estimate, en_score
 
 ROOT = Path(__file__).parents[1]
+TEXTS = {".py", ".pyi", ".md", ".json", ".toml", ".html", ".typ", ".js"}
 STEPS_RAD = np.deg2rad([0.0, 120.0, 240.0])
 THESIS_ANGLE_RAD = math.radians(50.7)
 
@@ -214,6 +215,16 @@ def test_coverage_factor_follows_the_degrees_of_freedom():
     assert Estimate(1.0, 0.1, dof=9).expanded(0.95).k == pytest.approx(2.26, abs=0.005)
     assert Estimate(1.0, 0.1).expanded(0.95).k == pytest.approx(1.960, abs=0.0005)
     assert Estimate(1.0, 0.1).expanded(0.95).coverage == 0.95
+
+
+def test_en_is_formed_by_the_stated_expanded_uncertainties():
+    # GUM table G.2: t(95 %) is 2.57 for 5 degrees of freedom. With a plain 2 it would be 1.34, with t for both 1.04.
+    found, reference = Estimate(20.03, 0.010, dof=5), Estimate(20.0, 0.005)
+    assert en_score(found, reference) == pytest.approx(0.03 / math.hypot(2.57 * 0.010, 1.96 * 0.005), abs=1e-3)
+    named = re.compile(r"\bk ?= ?2\b(?!, 3)")  # the harmonics of a wave are counted from 2
+    files = (path for folder in ("src", "docs") for path in (ROOT / folder).rglob("*") if path.suffix in TEXTS)
+    lines = [(p.name, line) for p in files for line in p.read_text(encoding="utf-8").splitlines() if named.search(line)]
+    assert lines == []
 
 
 # ---- the page itself ------------------------------------------------------------------------------

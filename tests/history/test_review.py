@@ -64,7 +64,7 @@ def test_certified_quantities_are_charted_as_deviations_with_their_own_limit(his
     monthly(history)
     review = review_of(history, "Block: step of 10 mm")
     assert abs(review.series.values).max() < 0.05
-    assert review.series.limit == pytest.approx(2 * np.hypot(0.01, 0.003))
+    assert review.series.limit == pytest.approx(1.959964 * np.hypot(0.01, 0.003))
     assert {interval.method for interval in review.intervals} <= {"staircase", "control chart"}
     assert review.interval.days == min(interval.days for interval in review.intervals)
 

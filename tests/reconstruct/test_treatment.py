@@ -14,7 +14,7 @@ def surface(z, reasons=None):
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
     why = np.zeros(SHAPE, np.uint8) if reasons is None else reasons
     u_r = np.full(SHAPE, 0.03)
-    exact = Sensitivities((), np.zeros((0, 1, 1, 1)), np.zeros((1, 1, 1)), SHAPE, (0.0, 1.0))
+    exact = Sensitivities((), (), np.zeros((0, 1, 1, 1)), np.zeros((1, 1, 1)), SHAPE, (0.0, 1.0))
     maps = (np.where(why == 0, m, np.nan) for m in (x, y, z, np.hypot(u_r, 0.04), u_r))
     return HeightMap(*maps, exact, why)
 

@@ -51,10 +51,26 @@ def test_offset_and_its_en(make_scene, make_bars):
         assert profile.mean_mm == pytest.approx(0.1, abs=1e-4)
         assert profile.sd_mm < 1e-3
         assert profile.u_mm == pytest.approx(0.05, rel=1e-6)  # u_z taken as common to all pixels
-        assert profile.en == pytest.approx(1.0, abs=1e-3)  # 0.1 / (2 x 0.05)
+        assert profile.en == pytest.approx(1.0204, abs=1e-3)  # 0.1 / (1.960 x 0.05)
     assert errors.terms[0].name == "offset"
     assert errors.worst_band_mm == pytest.approx(0.1, abs=1e-3)
     assert "same height error everywhere" in errors.sentence
+
+
+def test_en_of_a_mean_by_the_degrees_of_freedom_of_what_is_common(make_scene, make_bars):
+    """One influence of 5 degrees of freedom raises all heights by 0.02 mm: k is 2.571 where nothing else counts."""
+    surface = make_scene(error=lambda x, y, z: 0.1 + 0 * z)
+    common, exact = np.full(surface.z.shape, 0.02), np.full(surface.z.shape, 0.03)
+    alone = judged(replace(surface, u_z=common), make_bars(), sensitivities=[common], dof=(5,)).pooled
+    assert (alone.u_mm, alone.dof) == (pytest.approx(0.02), pytest.approx(5.0, rel=1e-6))
+    assert alone.en == pytest.approx(alone.mean_mm / (2.571 * 0.02), rel=2e-4)
+    both = np.hypot(common, exact)
+    joined = judged(replace(surface, u_z=both), make_bars(), sensitivities=[common, exact], dof=(5, np.inf)).pooled
+    # JCGM 100:2008, G.2b: 0.000 4 + 0.000 9 squared, over 0.02^4 / 5
+    assert joined.dof == pytest.approx(0.0013**2 / (0.02**4 / 5), rel=1e-6)
+    noisy = judged(replace(surface, u_z=both), make_bars(), sensitivities=[common], dof=(5,)).pooled
+    assert 5 < noisy.dof < 5.2  # the noise of a thousand pixels averages out
+    assert judged(surface, make_bars()).pooled.dof == np.inf
 
 
 def test_tilt_along_the_bars(make_scene, make_bars):

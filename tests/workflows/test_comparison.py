@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from fringecal.errors import RecordError
 from fringecal.projector.angle.projection_angle import projection_angle
@@ -67,6 +68,7 @@ def test_estimates_are_those_of_the_record(itself, record):
         assert itself[name].first.value == pytest.approx(stated.value, rel=1e-9)
         # The record's u comes from derivatives, this one from finite changes of one standard uncertainty.
         assert itself[name].first.u == pytest.approx(stated.u, rel=0.01)
+        assert itself[name].first.expanded().k == pytest.approx(stated.estimate().expanded().k, rel=1e-3)
 
 
 @pytest.mark.parametrize(("quantity", "key"), [("scale, mean", "scale.mean"), ("projection angle", "projection.angle")])
@@ -111,7 +113,8 @@ def test_a_change_has_the_sign_of_second_minus_first(text, record):
     compared = by_name(compare_calibrations(record, changed(text, larger)))
     one = compared["scale, horizontal"]
     assert one.difference.value == pytest.approx(0.002 * record.scale.horizontal.value, rel=1e-3)
-    assert one.en == pytest.approx(one.difference.value / (2 * one.difference.u))
+    expanded = stats.t.ppf(0.975, one.difference.dof) * one.difference.u
+    assert one.en == pytest.approx(one.difference.value / expanded)
     assert one.en > 1
     assert not one.agrees
     assert compared["projection angle"].agrees

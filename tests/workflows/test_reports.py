@@ -9,19 +9,24 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 from PIL import Image
+from scipy import stats
 
 from fringecal.reconstruct.phase_to_height import Reason
+from fringecal.records import Laboratory, sha256_of, write_calibration
 from fringecal.report.html import render_html
 from fringecal.report.report_files import figures_of, tables_of
 from fringecal.verification.zigzag.filters import FilterResult
+from fringecal.workflows.certificate.run import certificate_of
 from fringecal.workflows.commission import judged_session
 from fringecal.workflows.commission.angle_findings import angles_of
 from fringecal.workflows.commission.angle_tables import angle_section, heights_table
+from fringecal.workflows.commission.record import calibration_record
 from fringecal.workflows.commission.report import commission_report
 from fringecal.workflows.commission.residual_section import residual_maps
 from fringecal.workflows.commission.rig_section import rig_section
 from fringecal.workflows.reconstruct.report import measurement_report
 from fringecal.workflows.reconstruct.run import reconstruct
+from fringecal.workflows.verify.record import verification_record
 from fringecal.workflows.verify.report import verdict_of, verification_report
 
 CREATED = datetime(2026, 11, 22, 10, tzinfo=UTC)
@@ -92,9 +97,64 @@ def test_the_angle_table_can_be_checked_by_hand(commissioned):
     table = tables_of(commissioned)["projection-angle-by-column.csv"]
     difference = table["angle / deg"] - table["theory / deg"]
     assert np.allclose(table["difference / deg"], difference, atol=1e-12)
-    # 95 % of Student's t with thousands of degrees of freedom is the normal distribution's 1.96.
-    u = np.hypot(table["u / deg"], table["u(theory) / deg"])
-    assert np.allclose(table["En"], difference / (1.96 * u), rtol=1e-3)
+    # U by Student's t for the dof printed beside it; theory, from stated positions, by the normal distribution.
+    assert np.allclose(table["U / deg"], stats.t.ppf(0.975, table["dof"]) * table["u / deg"])
+    both = np.hypot(table["U / deg"], stats.norm.ppf(0.975) * table["u(theory) / deg"])
+    assert np.allclose(table["En"], difference / both)
+
+
+@pytest.mark.parametrize("name", ["commissioned", "verified", "measured"])
+def test_every_table_with_en_says_how_it_is_formed(name, request):
+    tables = [table for section in request.getfixturevalue(name).sections for table in section.tables]
+    formed = [table for table in tables if "En" in table.frame or "U (95 %)" in table.frame]
+    assert formed or name == "measured"
+    for table in formed:
+        assert "U: 95 % coverage, k from the effective degrees of freedom" in table.header_note, table.caption
+
+
+@pytest.fixture(scope="module")
+def recorded(oblique, tmp_path_factory):
+    """The records of commissioning and verification, and the certificate of both."""
+    calibration = calibration_record(oblique.commissioned)
+    file = write_calibration(calibration, tmp_path_factory.mktemp("recorded"))
+    bars = verification_record(oblique.bars, oblique.session, file)
+    certificate = certificate_of(calibration, sha256_of(file), Laboratory(), verification=bars, draft=True)
+    return calibration, bars, certificate
+
+
+def certified(certificate, name):
+    """Return the column of a certificate that has expanded uncertainties: U and k of every row."""
+    tables = (table for group in certificate.groups for table in group.tables if table.name == name)
+    column = next(column for table in tables for column in table.columns if column.expanded)
+    return [float(text) for text in column.expanded], column.k
+
+
+def test_record_table_and_certificate_hold_one_en_and_one_k(recorded, commissioned, verified):
+    """U = k u with k by Student's t of the record's dof, and En by that U, wherever one of them stands."""
+    calibration, bars, certificate = recorded
+    judged = {one.judged.name: float(one.judged.value) for one in certificate.conformities}
+    profiles = tables_of(verified)["errors-per-profile-edge-zones-left-out.csv"].set_index("profile")
+    columns = tables_of(commissioned)["projection-angle-by-column.csv"]
+    rows = [(p.u_mm, p.dof) for p in bars.profiles], [(c.u_deg, c.dof) for c in calibration.projection.columns]
+    for stated, name in zip(rows, ("Height errors along profiles", "Projection angle along x"), strict=True):
+        k = [stats.t.ppf(0.975, np.inf if dof is None else dof) for _, dof in stated]
+        expanded, factors = certified(certificate, name)
+        assert factors == pytest.approx(k)
+        assert expanded == pytest.approx([factor * u for factor, (u, _) in zip(k, stated, strict=True)], rel=0.05)
+    for profile in bars.profiles:
+        by_hand = profile.mean_mm / (stats.t.ppf(0.975, profile.dof) * profile.u_mm)
+        printed = judged[f"Mean error, profile {profile.name} (En)"]
+        assert profile.en == pytest.approx(by_hand) == profiles.loc[profile.name, "En"]
+        assert printed == pytest.approx(by_hand, rel=5e-3)  # three digits
+        assert profiles.loc[profile.name, "dof"] == pytest.approx(profile.dof)
+    assert [c.en for c in calibration.projection.columns] == pytest.approx(list(columns["En"]))
+    theory, angle = calibration.projection.theory, calibration.projection.angle
+    both = math.hypot(stats.t.ppf(0.975, angle.dof) * angle.u, stats.norm.ppf(0.975) * theory.angle.u)
+    assert theory.en == pytest.approx((angle.value - theory.angle.value) / both)
+    assert judged["Angle against theory (En)"] == pytest.approx(theory.en, rel=5e-3)
+    for record in (calibration, bars):
+        assert "U: 95 % coverage, k from the effective degrees of freedom" in record.en_definition
+    assert any("both expanded uncertainties" in method.description for method in certificate.methods)
 
 
 def test_budgets_add_up_to_the_uncertainties_they_explain(commissioned, oblique):
@@ -156,7 +216,8 @@ def test_the_error_tables_hold_every_profile_and_all_together(verified, oblique)
     assert list(without["profile"]) == [*"ABCDE", "pooled"] == list(edges["profile"])
     full = oblique.bars.errors.full_height_mm
     assert np.allclose(without["mean / %"], 100 * without["mean / mm"] / full)
-    assert np.allclose(without["En"], without["mean / mm"] / (2 * without["u(mean) / mm"]))
+    expanded = stats.t.ppf(0.975, without["dof"]) * without["u(mean) / mm"]
+    assert np.allclose(without["En"], without["mean / mm"] / expanded)
     assert (edges["n"] > without["n"]).all()
     assert len(tables["flank-angles.csv"]) == 2 * oblique.bars.target.count
 

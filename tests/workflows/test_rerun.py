@@ -52,6 +52,8 @@ def test_an_archived_record_is_repeated(archived):
     # Later versions may do better, and say so under "Numbers that change"; none may contradict an older one.
     assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
     assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
+    assert ("by another definition" in found.sentence) is (written.en_definition is None)
+    assert not any(d.matters for d in found.differences if d.place.endswith((".en", ".dof")))
 
 
 # ---- verifications and audits ----------------------------------------------------------------------
@@ -135,6 +137,46 @@ def test_a_changed_number_of_an_audit_is_found(judged, tmp_path, capsys):
         main(["rerun", str(tmp_path)])
     assert stop.value.code == 3
     assert "changes[0].value" in capsys.readouterr().out
+
+
+# ---- records that form En by another definition --------------------------------------------------
+def as_older(file, place, decision=None):
+    """Write a verification as an older version did: without definition and degrees of freedom, En = mean / (2 u)."""
+    document = json.loads(file.read_text())
+    del document["en_definition"]
+    for profile in (*document["profiles"], *document["profiles_with_edges"]):
+        del profile["dof"]
+        profile["en"] = profile["mean_mm"] / (2 * profile["u_mm"])
+    for check in document["checks"]:
+        del check["score"]
+        check["value"] *= 1.96 / 2
+        check["decision"] = decision or check["decision"]
+    place.mkdir()
+    (place / file.name).write_text(json.dumps(document))
+    return place
+
+
+def test_another_definition_of_en_is_named_and_is_no_difference(judged, tmp_path, capsys):
+    """One outcome hangs on the definition: it is named, but nothing that is measured differs."""
+    folder = as_older(judged["verify"], tmp_path / "older", decision="fail")
+    with pytest.raises(SystemExit) as stop:
+        main(["rerun", str(folder), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (stop.value.code, found["identical"], found["agrees"]) == (0, False, True)
+    assert {d["place"].rpartition(".")[2] for d in found["differences"]} == {"en", "value", "decision"}
+    assert all(d["by_definition_of_en"] for d in found["differences"])
+    assert "by another definition (En = " in found["sentence"]
+    assert "checks.mean error, profile A.decision (fail then, pass now)" in found["sentence"]
+
+
+def test_a_change_of_what_en_is_formed_from_still_alarms(judged, tmp_path):
+    file = as_older(judged["verify"], tmp_path / "older") / "verification.json"
+    document = json.loads(file.read_text())
+    document["profiles"][0]["mean_mm"] += document["profiles"][0]["u_mm"] / 10
+    file.write_text(json.dumps(document))
+    found = rerun(read_record(file)[0], judged["session"], judged["calibration"])
+    assert not found.agrees
+    assert [d.place for d in found.differences if d.matters] == ["profiles[0].mean_mm"]
 
 
 # ---- what is no longer the same --------------------------------------------------------------------

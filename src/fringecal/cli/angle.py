@@ -11,7 +11,7 @@ from rich.table import Table
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def _estimator(name: str, session: Any) -> "Estimator":
 
 
 def _table(found: "AngleFindings") -> Table:
-    title = f"Projection angle from the plate's normal, {found.estimator} estimator; U covers 95 %"
+    title = f"Projection angle from the plate's normal, {found.estimator} estimator; {EXPANDED_BY}"
     table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
     stated = found.theory is not None  # else there is no theory to compare with
     headings = (

@@ -1,5 +1,6 @@
 """`fringecal audit`: a smaller session against the calibration in force."""
 
+import math
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,7 +13,7 @@ from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, Estimate, doubt_text, value_text
 from fringecal.workflows.shared import command_line, given
 
 if TYPE_CHECKING:
@@ -97,7 +98,7 @@ def _value(check: "Check") -> str:
     """Print what was compared with the limit: an En, a chance, or a quantity with its unit."""
     if check.value is None:
         return ""
-    if check.rule.startswith("|En|"):
+    if check.score == "En":
         # A value that rounds onto its limit gets the digits that show on which side it lies.
         near = check.limit is not None and abs(abs(check.value) - check.limit) < 0.01
         return f"En {check.value:+z.4f}" if near else f"En {check.value:+z.2f}"
@@ -107,12 +108,15 @@ def _value(check: "Check") -> str:
 
 def _table(changes) -> Table:  # type: ignore[no-untyped-def]
     table = Table(
-        title="Change since the calibration; U at 95 %, En = change / U, none of an rms", box=box.SIMPLE_HEAD, padding=0
+        title=f"Change since the calibration; En = change / U, none of an rms; {EXPANDED_BY}",
+        box=box.SIMPLE_HEAD,
+        padding=0,
     )
     for heading in ("quantity", "change", "U", "unit", "En", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "outcome") else "right")
     for c in changes:
         en = "" if c.en is None else f"{c.en:+z.2f}"
-        numbers = value_text(c.value, 1.96 * c.u, sign=True), doubt_text(1.96 * c.u)
+        expanded = Estimate(c.value, c.u, dof=math.inf if c.dof is None else c.dof).expanded().U
+        numbers = value_text(c.value, expanded, sign=True), doubt_text(expanded)
         table.add_row(c.name, *numbers, c.unit, en, f"{c.limit:g}", c.decision)
     return table

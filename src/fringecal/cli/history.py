@@ -197,9 +197,14 @@ def _demand_quantities(asked: Sequence[str], known: set[str]) -> None:
 
 
 def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
-    """Tabulate one record's readings; U covers 95 %."""
-    from fringecal.uncertainty import Estimate
+    """Tabulate one record's readings, U and En formed from what stands beside them."""
+    from dataclasses import fields
 
+    from fringecal.history import Reading, en_of
+    from fringecal.uncertainty import EXPANDED_BY, Estimate
+
+    names = [field.name for field in fields(Reading)]
+    title = f"{title}\n{EXPANDED_BY}; En by U"
     table = Table(title=escape(title), title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("quantity", "value", "U (95 %)", "unit", "En", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("quantity", "unit", "outcome") else "right")
@@ -207,7 +212,7 @@ def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
         u = row["u"]
         expanded = Estimate(row["value"], u, dof=row["dof"] or math.inf).expanded().U if u else None
         numbers = (value_text(row["value"], u), "" if expanded is None else doubt_text(expanded))
-        en, limit = (row[name] for name in ("en", "limit"))
+        en, limit = en_of(Reading(**{name: row[name] for name in names})), row["limit"]
         others = "" if en is None else f"{en:+z.2f}", "" if limit is None else f"{limit:g}"
         table.add_row(escape(row["quantity"]), *numbers, escape(row["unit"] or ""), *others, row["decision"] or "")
     console.print(table if readings else escape(f"{title}: no such reading"))

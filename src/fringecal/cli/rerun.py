@@ -59,6 +59,7 @@ def rerun(
 def _document(found: "Rerun") -> dict[str, Any]:
     differences = [
         {"place": d.place, "then": d.then, "now": d.now, "part_of_u": d.part_of_u, "matters": d.matters}
+        | ({"by_definition_of_en": True} if d.defined else {})
         for d in found.differences
     ]
     return {
@@ -75,6 +76,7 @@ def _tell(found: "Rerun") -> None:
     worst = sorted(found.differences, key=lambda d: (not d.matters, -(d.part_of_u or 0.0)))
     for d in worst[:_SHOWN]:
         part = "" if d.part_of_u is None else f" ({d.part_of_u:.2g} of u)"
+        part = " (by another definition of En)" if d.defined else part
         console.print(f"  {d.place}: {d.then} then, {d.now} now{part}", markup=False, highlight=False, soft_wrap=True)
     if len(worst) > _SHOWN:
         console.print(f"  and {len(worst) - _SHOWN} more; --json lists all", markup=False, highlight=False)

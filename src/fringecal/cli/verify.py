@@ -12,7 +12,7 @@ from fringecal.cli.history import append_record
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
 from fringecal.workflows.shared import command_line, given
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
@@ -112,7 +112,8 @@ def _rows(text: str) -> tuple[int, ...] | None:
 
 
 def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
-    table = Table(title=f"{found.target.name}: error = measured - certified", box=box.SIMPLE_HEAD, padding=0)
+    title = f"{found.target.name}: error = measured - certified; {EXPANDED_BY}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=0)
     for heading in ("number", "unit", "measured", "certified", "error", "u", "u(cert.)", "En"):
         table.add_column(heading, justify="left" if heading == "number" else "right", no_wrap=heading != "number")
     for r in found.readings:
@@ -125,7 +126,7 @@ def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
 
 
 def _table(errors) -> Table:  # type: ignore[no-untyped-def]
-    title = f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm"
+    title = f"Height errors, edge zones out; percent of the full height {errors.full_height_mm:.3f} mm; {EXPANDED_BY}"
     # Narrow enough for 80 columns: a number that is cut cannot be read.
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=0)
     for heading in (

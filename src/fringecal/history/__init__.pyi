@@ -5,6 +5,12 @@ from .drift import (
     YEAR_DAYS as YEAR_DAYS,
 )
 from .entries import (
+    Reading as Reading,
+)
+from .entries import (
+    en_of as en_of,
+)
+from .entries import (
     read_entry as read_entry,
 )
 from .exchange import (

@@ -1,8 +1,9 @@
 """What a record says in one row of the history, and in one row per quantity."""
 
 import hashlib
+import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from fringecal.records import (
     read_record,
     record_file,
 )
+from fringecal.uncertainty import Estimate, en_score
 
 _SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
 
@@ -62,6 +64,18 @@ class Entry:
     document: str | None = None
 
 
+def en_of(reading: Reading) -> float | None:
+    """Return the En of a reading from its own numbers, `en_score`; None where its record forms none.
+
+    So that one table holds one definition: records of older versions took another coverage factor.
+    """
+    u, u_reference = reading.u or 0.0, reading.u_reference or 0.0
+    if reading.en is None or not max(u, u_reference) > 0:
+        return reading.en
+    found = Estimate(reading.value, u, reading.unit, dof=reading.dof or math.inf)
+    return en_score(found, Estimate(reading.reference or 0.0, u_reference, reading.unit))
+
+
 def read_entry(path: str | Path) -> Entry:
     """Read a record file, or the folder that holds one, as an entry of the history.
 
@@ -97,7 +111,7 @@ def _entry(record: Any, kind: str, text: bytes, source: str) -> Entry:
 
 def _readings(record: Any, kind: str) -> Iterator[Reading]:
     """Give a record's quantities, then its checks but for those of a quantity that is there already."""
-    quantities = tuple(_QUANTITIES[kind](record))
+    quantities = tuple(replace(reading, en=en_of(reading)) for reading in _QUANTITIES[kind](record))
     yield from quantities
     yield from _check_readings(record.checks, known={reading.quantity for reading in quantities})
 
@@ -124,7 +138,8 @@ def _of_calibration(record: CalibrationRecord) -> Iterator[Reading]:
     yield _estimate("scale, horizontal", record.scale.horizontal)
     yield _estimate("scale, vertical", record.scale.vertical)
     yield _estimate("projection angle", record.projection.angle)
-    yield Reading("lens displacement, largest", record.distortion.max_px.value, "px", record.distortion.max_px.u)
+    largest = record.distortion.max_px
+    yield Reading("lens displacement, largest", largest.value, "px", largest.u, largest.dof)
     yield Reading("rig residual, rms", record.rig.residual_rms_rad, "rad")
     yield Reading("plate residual, rms", record.rig.plate_residual_rms_rad, "rad")
     for forecast in record.advice.forecasts if record.advice else ():
@@ -135,11 +150,11 @@ def _of_verification(record: VerificationRecord) -> Iterator[Reading]:
     artefact = str(record.target.get("name", record.capture))
     for profile in record.profiles:
         name = f"{artefact}: profile {profile.name}, mean error"
-        yield Reading(name, profile.mean_mm, "mm", profile.u_mm, reference=0.0, en=profile.en)
+        yield Reading(name, profile.mean_mm, "mm", profile.u_mm, profile.dof, reference=0.0, en=profile.en)
     for reading in record.readings:
         reference = (reading.reference, reading.u_reference) if reading.reference is not None else (None, None)
         unit = "" if reading.unit == "1" else reading.unit
-        values = (reading.measured, unit, reading.u_measured, None, *reference, reading.en)
+        values = (reading.measured, unit, reading.u_measured, reading.dof, *reference, reading.en)
         yield Reading(f"{artefact}: {reading.name}", *values)
 
 
@@ -147,7 +162,7 @@ def _of_audit(record: AuditRecord) -> Iterator[Reading]:
     """Give the changes since the calibration in force, under the names of their checks."""
     for change in record.changes:
         judged = (change.en, change.limit, change.decision)
-        yield Reading(f"change of {change.name}", change.value, change.unit, change.u, None, None, None, *judged)
+        yield Reading(f"change of {change.name}", change.value, change.unit, change.u, change.dof, None, None, *judged)
 
 
 _QUANTITIES: Mapping[str, Callable[[Any], Iterator[Reading]]] = {

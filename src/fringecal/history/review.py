@@ -1,5 +1,6 @@
 """What a history says of one rig: charts, drift and interval for each quantity, gauge studies from repeats."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,17 +18,16 @@ from fringecal.history.charts import (
     moving_range_chart,
 )
 from fringecal.history.drift import Drift, Interval, chart_interval, drift_of, staircase
-
-K = 2.0
-"""Coverage factor of the uncertainties that an En compares."""
+from fringecal.uncertainty import coverage_factor
 
 
 @dataclass(frozen=True)
 class Series:
     """One quantity of one rig in the order of capture.
 
-    `values` are deviations from the certificate where there is one, else the values themselves; `u` is NaN where it
-    is not stated. `limit` is the largest permissible distance from `reference`, None where none is known.
+    `values` are deviations from the certificate where there is one, else the values themselves; `U` their expanded
+    uncertainties (95 %), NaN where none is stated. `limit` is the largest permissible distance from `reference`, None
+    where none is known.
     """
 
     quantity: str
@@ -35,7 +35,7 @@ class Series:
     captured: tuple[str, ...]
     days: NDArray[np.float64]
     values: NDArray[np.float64]
-    u: NDArray[np.float64]
+    U: NDArray[np.float64]
     certified: bool
     limit: float | None
     reference: float
@@ -72,7 +72,8 @@ def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: 
         Rows of `History.readings` for one rig and quantity.
     limit, reference
         Largest permissible distance from the reference, in the quantity's unit. By default those of the last check;
-        of a certified quantity twice the combined standard uncertainty, about 0.
+        of a certified quantity the root sum of squares of the expanded uncertainties of value and certificate (where
+        `en_score` is 1), about 0.
 
     Raises
     ------
@@ -84,12 +85,14 @@ def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: 
     for column in ("rig", "quantity", "unit"):
         if readings[column].nunique() > 1:
             raise HistoryError(f"one {column} was needed, found {', '.join(sorted(set(readings[column])))}")
-    numbers = readings[["value", "u", "reference", "u_reference", "limit"]].astype(float)
+    numbers = readings[["value", "u", "dof", "reference", "u_reference", "limit"]].astype(float)
+    numbers["U"] = numbers["u"] * [coverage_factor(dof) for dof in numbers["dof"].fillna(np.inf)]
     certified = bool(numbers["reference"].notna().all())
     last, quantity = numbers.iloc[-1], str(readings["quantity"].iloc[0])
     values = numbers["value"] - numbers["reference"] if certified else numbers["value"]
     if limit is None:
-        limit = K * float(np.hypot(last["u"], last["u_reference"])) if certified else float(last["limit"])
+        both = math.hypot(last["U"], coverage_factor() * last["u_reference"])
+        limit = both if certified else float(last["limit"])
     days = pd.to_datetime(readings["captured"], utc=True, format="ISO8601")
     return Series(
         quantity,
@@ -97,7 +100,7 @@ def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: 
         tuple(readings["captured"]),
         np.asarray((days - days.iloc[0]).dt.total_seconds() / 86400, float),
         np.asarray(values, float),
-        np.asarray(numbers["u"], float),
+        np.asarray(numbers["U"], float),
         certified,
         limit if np.isfinite(limit) and limit > 0 else None,
         0.0 if reference is None else reference,

@@ -31,6 +31,8 @@ class Sensitivities:
     ----------
     sources
         Sources of the K components; one may stand more than once (principal axes of one covariance).
+    dof
+        Degrees of freedom of each component.
     coefficients
         Chebyshev coefficients, shape (K, degrees in z, degrees in v, degrees in u).
     variance_coefficients
@@ -42,6 +44,7 @@ class Sensitivities:
     """
 
     sources: tuple[Source, ...]
+    dof: tuple[float, ...]
     coefficients: Array
     variance_coefficients: Array
     shape: tuple[int, int]
@@ -104,6 +107,7 @@ def height_sensitivities(
     places = (unit, 2 * v / (shape[0] - 1) - 1, 2 * u / (shape[1] - 1) - 1)
     return Sensitivities(
         sources=tuple(component.source for component in calibration.components),
+        dof=tuple(component.dof for component in calibration.components),
         coefficients=_fitted(samples, *places),
         variance_coefficients=_fitted(np.sum(samples**2, axis=0, keepdims=True), *places)[0],
         shape=shape,

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.limits import Limits
-from fringecal.records.parts import Check, Part, Provenance, Uncertainty
+from fringecal.records.parts import Check, Dof, Part, Provenance, Uncertainty
 from fringecal.records.verification_record import CalibrationUsed
 
 AUDIT_FORMAT: Final = "fringecal-audit/1"
@@ -23,6 +23,7 @@ class ChangeRecord(Part):
     name: str
     value: float
     u: Uncertainty
+    dof: Dof = None
     unit: str
     en: float | None = None
     limit: float = Field(gt=0)

@@ -88,6 +88,7 @@ class ColumnRecord(Part):
 
     `angle_deg` is the projector's own angle, from the plate's normal; `apparent_deg` includes
     the camera's; `theory_deg`, `difference_deg` and `en` are null where no position is stated.
+    `dof` are the degrees of freedom of `u_deg`.
     """
 
     u_px: float
@@ -95,6 +96,7 @@ class ColumnRecord(Part):
     breaks: int = Field(ge=0)
     angle_deg: float
     u_deg: Uncertainty
+    dof: Dof = None
     apparent_deg: float | None = None
     theory_deg: float | None = None
     difference_deg: float | None = None

@@ -48,6 +48,7 @@ class ValueU(Part):
 
     value: float
     u: Uncertainty
+    dof: Dof = None
 
 
 class VectorU(Part):
@@ -110,6 +111,7 @@ class Check(Part):
     expanded: Uncertainty | None = Field(default=None, description="expanded uncertainty at 95 %")
     unit: str = ""
     rule: str = ""
+    score: Literal["En"] | None = Field(default=None, description="what the value is, if it is a score")
 
 
 class InputFile(Part):
@@ -143,6 +145,10 @@ class Provenance(Part):
     command: tuple[str, ...] = Field(default=(), description="command line, one argument each")
     session: SessionNote
     inputs: tuple[InputFile, ...] = ()
+    en_definition: str | None = Field(
+        default=None,
+        description="how every En was formed; null in records of older versions, which took U = 2 u for most of them",
+    )
 
 
 def is_covariance(matrix: Matrix, size: int) -> bool:

@@ -7,7 +7,7 @@ from pydantic import Field
 
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.limits import Limits
-from fringecal.records.parts import BudgetRow, Check, Part, Provenance, Sha256, Uncertainty
+from fringecal.records.parts import BudgetRow, Check, Dof, Part, Provenance, Sha256, Uncertainty
 from fringecal.records.phase_record import FindingRecord
 
 VERIFICATION_FORMAT: Final = "fringecal-verification/1"
@@ -17,7 +17,7 @@ VERIFICATION_FILE = "verification.json"
 class ProfileRecord(Part):
     """Height error along one picture row; percentages are of the artefact's full height.
 
-    `u_mm` is the standard uncertainty of `mean_mm`; `en` the normalised error of that mean.
+    `u_mm` is the standard uncertainty of `mean_mm`, `dof` its degrees of freedom; `en` the En score of that mean.
     """
 
     name: str
@@ -30,6 +30,7 @@ class ProfileRecord(Part):
     mean_percent: float
     max_percent: float = Field(ge=0)
     u_mm: Uncertainty
+    dof: Dof = None
     en: float | None = None
 
 
@@ -61,7 +62,7 @@ class ReadingRecord(Part):
     """One number of an artefact beside its certificate.
 
     `u_measured` is null for a form error, which contains the noise by definition; `reference` where the certificate
-    says nothing.
+    says nothing. `dof` is that of `u_measured`.
     """
 
     name: str
@@ -70,6 +71,7 @@ class ReadingRecord(Part):
     reference: float | None = None
     error: float | None = None
     u_measured: Uncertainty | None = None
+    dof: Dof = None
     u_reference: Uncertainty = 0.0
     en: float | None = None
     points: int = Field(ge=1)

@@ -12,7 +12,7 @@ import typer
 from fringecal.cli.shared.console import console
 from fringecal.errors import RecordError
 from fringecal.report import REPORT_FILE
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.records import Check
@@ -71,7 +71,7 @@ def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path)
     unproved = [check for check in checks if check.decision.startswith("conditional")]
     judged = sum(check.decision != "info" for check in checks)
     verdict = severest(checks)
-    say(f"{_VERDICTS[verdict]} ({judged} checks, En with k = 2)", style=_STYLES[verdict])
+    say(f"{_VERDICTS[verdict]} ({judged} checks; {EXPANDED_BY})", style=_STYLES[verdict])
     for check in (*failed, *unproved):
         value = "" if check.value is None else f": {value_text(check.value, check.u)} {check.unit}".rstrip()
         value += f", u {doubt_text(check.u)}" if check.u else ""

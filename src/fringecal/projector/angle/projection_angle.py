@@ -14,7 +14,7 @@ from fringecal.camera import PlateCamera
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.projector.rig_model import RigModel
-from fringecal.uncertainty import Budget, Estimate
+from fringecal.uncertainty import Budget, Estimate, en_score
 
 Array = NDArray[np.float64]
 
@@ -100,10 +100,8 @@ class OriginAngles:
 
     @property
     def en(self) -> float | None:
-        """Measured against theoretical angle: difference over expanded uncertainties (k = 2); None without theory."""
-        if self.theory is None:
-            return None
-        return (self.angle.value - self.theory.value) / (2 * math.hypot(self.angle.u, self.theory.u))
+        """Measured against theoretical angle, `en_score`; None without theory."""
+        return None if self.theory is None else en_score(self.angle, self.theory)
 
     @property
     def sentence(self) -> str:

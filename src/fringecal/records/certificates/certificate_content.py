@@ -59,14 +59,14 @@ def rounded(value: float, expanded: float | None) -> tuple[str, str]:
 class Measured:
     """One result: value and expanded uncertainty as text, coverage factor and probability.
 
-    `expanded` is empty where no uncertainty belongs to the value, as for a count.
+    `expanded` is empty and `k` not a number where no uncertainty belongs to the value, as for a count.
     """
 
     name: str
     value: str
     unit: str
     expanded: str = ""
-    k: float = 2.0
+    k: float = math.nan
     coverage: float = COVERAGE
 
     @classmethod
@@ -81,14 +81,15 @@ class Measured:
 class Column:
     """One column of a table of results: texts of numbers in one unit, with expanded uncertainties where they have any.
 
-    `ref_type` is the meaning that other programs look for, for example ``"basic_measuredValue"``.
+    `k` holds the coverage factor of each expanded uncertainty. `ref_type` is the meaning that other programs look for,
+    for example ``"basic_measuredValue"``.
     """
 
     name: str
     values: tuple[str, ...]
     unit: str
     expanded: tuple[str, ...] = ()
-    k: float = 2.0
+    k: tuple[float, ...] = ()
     ref_type: str = ""
 
 

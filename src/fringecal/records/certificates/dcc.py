@@ -15,6 +15,7 @@ from fringecal.records.certificates.certificate_content import (
     dsi_unit,
 )
 from fringecal.records.certificates.laboratory import NOT_STATED, Party
+from fringecal.uncertainty import COVERAGE
 
 DCC, SI, VERSION = "https://ptb.de/dcc", "https://ptb.de/si", "3.3.0"
 LANGUAGE = "en"
@@ -262,8 +263,8 @@ def _column(node: Node, column: Column) -> None:
         doubt = _add(numbers, "measurementUncertaintyUnivariateXMLList", space=SI)
         doubt = _add(doubt, "expandedMUXMLList", space=SI)
         _add(doubt, "valueExpandedMUXMLList", _joined(column.expanded), space=SI)
-        _add(doubt, "coverageFactorXMLList", f"{column.k:.2f}", space=SI)
-        _add(doubt, "coverageProbabilityXMLList", "0.95", space=SI)
+        _add(doubt, "coverageFactorXMLList", _joined(f"{k:.2f}" for k in column.k), space=SI)
+        _add(doubt, "coverageProbabilityXMLList", _joined(f"{COVERAGE:g}" for _ in column.k), space=SI)
 
 
 def _joined(texts: Iterable[str]) -> str:

@@ -44,7 +44,7 @@ def angle_plot(
     angle_deg, U_deg
         Projection angle from the plate's normal and its expanded uncertainty, 95 % (n,), deg.
     theory_deg
-        The angle that the stated positions give (n,), deg; or (n, 2) with its standard uncertainty.
+        The angle that the stated positions give (n,), deg; or (n, 2) with its expanded uncertainty, 95 %.
     apparent_deg
         The angle that fringe breaks show to the camera, its own angle included (n,), deg.
     position_label
@@ -93,7 +93,7 @@ def _draw_theory(axes: Axes, position_mm: np.ndarray, theory_deg: np.ndarray) ->
     place, value = position_mm[order], theory_deg[order, 0]
     axes.plot(place, value, color=INK, lw=1.2, ls="--", label="theory, from stated positions")
     if theory_deg.shape[1] > 1:
-        half = 1.96 * theory_deg[order, 1]
+        half = theory_deg[order, 1]
         axes.fill_between(place, value - half, value + half, color=GREY, alpha=0.2, lw=0, label="theory, 95 %")
 
 

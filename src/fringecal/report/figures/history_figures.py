@@ -75,8 +75,8 @@ def drift_figure(review: Review) -> Figure:
     axes = figure.subplots()
     times = _times(series)
     axes.errorbar(
-        times, series.values, yerr=2 * np.nan_to_num(series.u), fmt="o", ms=4, color=BLUE, ecolor=GREY, capsize=2,
-        label="record, bar 2 u",
+        times, series.values, yerr=np.nan_to_num(series.U), fmt="o", ms=4, color=BLUE, ecolor=GREY, capsize=2,
+        label="record, bar U (95 %)",
     )  # fmt: skip
     if review.drift is not None:
         _draw_line(axes, times, review)

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from scipy import stats
 
 from fringecal.report.style import AMBER, BLUE, GREY, INK, new_figure, styled, symmetric_limit
+from fringecal.uncertainty import coverage_factor
 
-_K_95 = float(stats.norm.ppf(0.975))
+_K_95 = coverage_factor()  # a single pixel's u is taken as exactly known
 
 
 @styled
@@ -32,7 +32,7 @@ def profile_plot(
     measured_mm, reference_mm
         Heights (n,), mm, NaN where there is none.
     u_mm
-        Standard uncertainty of the measured heights (n,), mm; the band is 1.96 times as wide on each side.
+        Standard uncertainty of the measured heights (n,), mm; the band is the 95 % interval.
     left_out
         True at points of edge zones, which statistics leave out (n,); they are shaded.
     position_label

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from fringecal.uncertainty import Budget, Influence, UncertaintyComponent, combined
+from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent, combined, en_score
 from fringecal.verification.forms.probes import Numbers, Probe
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
 
@@ -51,17 +51,22 @@ class Reading:
     budget: Budget | None = None
 
     @property
+    def dof(self) -> float:
+        """Effective degrees of freedom of `u_measured`."""
+        return math.inf if self.budget is None else self.budget.result.dof
+
+    @property
     def error(self) -> float | None:
         """Measured minus certified value."""
         return None if self.reference is None else self.measured - self.reference
 
     @property
     def en(self) -> float | None:
-        """Error over the root sum of squares of both expanded uncertainties (k = 2)."""
-        if self.error is None or self.u_measured is None:
+        """Measured against certified value, `en_score`; None where one of them or all uncertainty is missing."""
+        if self.reference is None or self.u_measured is None or not max(self.u_measured, self.u_reference) > 0:
             return None
-        u = math.hypot(self.u_measured, self.u_reference)
-        return self.error / (2 * u) if u > 0 else None
+        measured = Estimate(self.measured, self.u_measured, self.unit, self.name, self.dof)
+        return en_score(measured, Estimate(self.reference, self.u_reference, self.unit))
 
 
 def take_readings(
@@ -113,7 +118,7 @@ def take_readings(
 
 def readings_table(readings: Sequence[Reading]) -> pd.DataFrame:
     """Return readings as a table, one row each."""
-    columns = ("name", "unit", "measured", "reference", "error", "u_measured", "u_reference", "en", "points")
+    columns = ("name", "unit", "measured", "reference", "error", "u_measured", "dof", "u_reference", "en", "points")
     return pd.DataFrame([{c: getattr(r, c) for c in columns} for r in readings])
 
 

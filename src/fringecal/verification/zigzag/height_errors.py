@@ -1,5 +1,6 @@
 """Height errors of a zig-zag along profiles: tables that a sceptical colleague can check."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -92,6 +93,7 @@ def zigzag_errors(
     edge_zone_mm: float | None = None,
     sensitivities: ArrayLike | None = None,
     covariance: ArrayLike | None = None,
+    dof: ArrayLike = math.inf,
 ) -> ZigzagErrors:
     """Compare a measured surface with a registered zig-zag along profiles.
 
@@ -110,6 +112,8 @@ def zigzag_errors(
         (K, H, W) change of height per unit of K influences common to all pixels, and their (K, K)
         covariance. Without them the whole of u_z is taken as common, so that the mean of a
         profile is stated no better than a single pixel.
+    dof
+        (K,) or scalar, degrees of freedom of the influences.
 
     Raises
     ------
@@ -120,7 +124,7 @@ def zigzag_errors(
     field = error_field(surface, pose, shape)
     zone = edge_zone_px * field.pixel_mm if edge_zone_mm is None else edge_zone_mm
     maps = None if sensitivities is None else np.asarray(sensitivities)
-    judge = Judge(field, shape, zone, maps, covariance)
+    judge = Judge(field, shape, zone, maps, covariance, dof)
     places = default_places(field, THESIS_ROWS_PX, _SPREAD) if rows_px is None else tuple(int(r) for r in rows_px)
     lines = {_name(i): (place, judge.line(place)) for i, place in enumerate(places)}
     every = np.concatenate([line for _, line in lines.values()])

@@ -1,12 +1,13 @@
 """Errors along one row (or column) of the picture: statistics with uncertainty, and the curve itself."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
-from fringecal.uncertainty import combined_map, mean_uncertainty
+from fringecal.uncertainty import Estimate, combined_map, effective_dof, en_score, mean_uncertainty
 from fringecal.verification.zigzag.error_field import ErrorField
 from fringecal.verification.zigzag.flanks import FlankAngle, flank_angles
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, reference_sensitivities
@@ -15,7 +16,6 @@ Pixels = NDArray[np.int64]  # flat indices into the maps
 
 _MIN_PIXELS = 10  # of a profile: fewer are no cut through the bars, and their spread says nothing
 _WIDE_ZONES = 0.2  # of a bar's base, on each side of an edge: four such zones leave a fifth of its flanks
-_K = 2.0  # En compares expanded uncertainties, k = 2
 
 
 @dataclass(frozen=True)
@@ -30,9 +30,9 @@ class ProfileErrors:
         Mean place of the profile's pixels on the plate.
     n, mean_mm, sd_mm, rms_mm, max_abs_mm
         Number of valid pixels, and mean, standard deviation, rms and largest absolute error.
-    u_mm, en
-        Standard uncertainty of the mean error, of target and heights together, and the mean
-        error against its expanded uncertainty, ``mean / (2 u)``; None where no uncertainty is known.
+    u_mm, dof, en
+        Standard uncertainty of the mean error, of target and heights together, its effective degrees of
+        freedom, and `en_score` of the mean error; None where no uncertainty is known.
     missing_share
         Share of the profile's pixels on the bars that are masked.
     """
@@ -49,6 +49,7 @@ class ProfileErrors:
     mean_percent: float
     max_percent: float
     u_mm: float
+    dof: float
     en: float | None
     missing_share: float
 
@@ -78,6 +79,8 @@ class Judge:
         Half-width of the edge zones.
     sensitivities, covariance
         (K, H, W) maps of the systematic part and the covariance of its K influences, or None.
+    dof
+        (K,) or scalar, degrees of freedom of the influences.
     """
 
     field: ErrorField
@@ -85,6 +88,7 @@ class Judge:
     zone_mm: float
     sensitivities: NDArray[np.floating] | None = None
     covariance: ArrayLike | None = None
+    dof: ArrayLike = math.inf
 
     def off_edges(self, pixels: Pixels) -> Pixels:
         """Leave out the pixels in edge zones."""
@@ -109,7 +113,7 @@ class Judge:
         self._check_count(name, place, pixels.size, valid.size)
         error = self.field.error.ravel()[valid]
         mean, largest = float(error.mean()), float(np.abs(error).max())
-        u = self._mean_u(valid)
+        u, dof = self._mean_u(valid)
         percent = 100 / self.shape.height_mm
         return ProfileErrors(
             name=name,
@@ -124,7 +128,8 @@ class Judge:
             mean_percent=mean * percent,
             max_percent=largest * percent,
             u_mm=u,
-            en=mean / (_K * u) if u > 0 else None,
+            dof=dof,
+            en=en_score(Estimate(mean, u, "mm", dof=dof)) if u > 0 else None,
             missing_share=1 - valid.size / pixels.size,
         )
 
@@ -152,14 +157,25 @@ class Judge:
             f"{_MIN_PIXELS} are needed; {remedy}"
         )
 
-    def _mean_u(self, valid: Pixels) -> float:
-        """Uncertainty of the mean error: heights, and the target's own leg and apex."""
+    def _mean_u(self, valid: Pixels) -> tuple[float, float]:
+        """Uncertainty of the mean error, and its degrees of freedom: heights, and the target's own leg and apex."""
         u_z = self.field.u_z.ravel()[valid]
         target = reference_sensitivities(self.field.across.ravel()[valid], self.shape).mean(axis=1)
         if self.sensitivities is None:
-            return float(np.hypot(np.mean(u_z), np.linalg.norm(target)))
+            return float(np.hypot(np.mean(u_z), np.linalg.norm(target))), math.inf
         maps = self.sensitivities.reshape(len(self.sensitivities), -1)[:, valid]
         common = combined_map(0.0, maps, self.covariance)
         u_random = np.sqrt(np.maximum(u_z**2 - common**2, 0.0))
         u_mean = mean_uncertainty(u_random, sensitivities=maps, covariance=self.covariance)
-        return float(np.hypot(u_mean, np.linalg.norm(target)))
+        u = float(np.hypot(u_mean, np.linalg.norm(target)))
+        return u, self._mean_dof(u, np.asarray(maps, float).mean(axis=1))
+
+    def _mean_dof(self, u: float, means: Floats) -> float:
+        """Degrees of freedom of u, the influences' means over the pixels given; noise and target are exactly known."""
+        effects, dof = means, np.broadcast_to(np.asarray(self.dof, float), means.shape)
+        if self.covariance is not None:
+            given = np.asarray(self.covariance, float)
+            effects = means * given if given.ndim == 1 else np.sqrt([means @ given @ means])
+            dof = dof if given.ndim == 1 else np.min(dof, keepdims=True)  # correlated: no rule, the smallest is taken
+        known = math.sqrt(max(u**2 - float(effects @ effects), 0.0))
+        return effective_dof([known, *effects], [math.inf, *dof])

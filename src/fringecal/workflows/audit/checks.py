@@ -11,7 +11,7 @@ from scipy import special, stats
 
 from fringecal.projector import RigCalibration, angle_budget
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, en_score
 from fringecal.workflows.audit.change_covariance import light_doubt
 from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, strip_step
 from fringecal.workflows.audit.observed import PlateToday, StripsToday, base_state
@@ -51,9 +51,8 @@ class Change:
 
     @property
     def en(self) -> float | None:
-        """Change over its expanded uncertainty; None for an rms, or where there is none."""
-        expanded = self.found.expanded().U
-        return self.found.value / expanded if expanded > 0 and not self.size else None
+        """`en_score` of the change; None for an rms, or where no uncertainty is known."""
+        return en_score(self.found) if self.found.u > 0 and not self.size else None
 
     @property
     def detection_limit(self) -> float:

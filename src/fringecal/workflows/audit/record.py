@@ -14,7 +14,7 @@ from fringecal.records import (
     sha256_of,
     software_versions,
 )
-from fringecal.uncertainty import decide
+from fringecal.uncertainty import EN_DEFINITION, decide
 from fringecal.workflows.audit.checks import audit_checks, changes_of
 from fringecal.workflows.audit.ranked_causes import CauseFit
 from fringecal.workflows.audit.run import Audit
@@ -33,6 +33,7 @@ def audit_record(
         session=session_note(found.session),
         inputs=inputs_of(found.session),
         calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        en_definition=EN_DEFINITION,
         captures=tuple(found.session.captures),
         changed=found.changed,
         probability=found.probability,
@@ -54,6 +55,7 @@ def _changes(found: Audit, limits: Limits) -> tuple[ChangeRecord, ...]:
             name=change.name,
             value=change.found.value,
             u=change.found.u,
+            dof=change.found.dof,
             unit=change.found.unit,
             en=change.en,
             limit=change.limit,

@@ -21,7 +21,7 @@ from fringecal.report import (
     readable_picture,
     residual_map,
 )
-from fringecal.uncertainty import decide, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, decide, doubt_text, value_text
 from fringecal.workflows.audit.checks import Change, audit_checks, changes_of
 from fringecal.workflows.audit.run import Audit
 from fringecal.workflows.audit.sentences import amount_text, audit_sentence
@@ -95,9 +95,9 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
     ]
     formats = {"change": "+.3g", "U (95 %)": DOUBT, "En": "+.2f", "detection limit": DOUBT, "limit": "g"}
     note = (
-        "today minus at the calibration; En = change / U. An rms, which chance alone never leaves at nought, is judged "
-        "by its limit and has none. Detection limit: seen with 95 % at the chance of a false "
-        "alarm that the audit takes"
+        f"today minus at the calibration; En = change / U; {EXPANDED_BY}. An rms, which chance alone never leaves at "
+        "nought, is judged by its limit and has none. Detection limit: seen with 95 % at the chance of a false alarm "
+        "that the audit takes"
     )
     shares = [c.found.value / c.limit for c in changes]
     expanded = [c.found.expanded().U / c.limit for c in changes]

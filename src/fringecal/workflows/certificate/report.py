@@ -57,7 +57,7 @@ def _facts(certificate: Certificate) -> Iterator[Fact]:
     yield Fact("Item", item.name or NOT_STATED, f"serial number {item.serial or NOT_STATED}")
     if certificate.groups:
         for quantity in (certificate.groups[0].quantities[0], *certificate.groups[1].quantities[:1]):
-            yield Fact(quantity.name, _words(quantity), f"k = {quantity.k:.2f}, 95 %")
+            yield Fact(quantity.name, _words(quantity), f"k = {quantity.k:.2f}, 95 %" if quantity.expanded else "")
 
 
 def _words(found: Measured) -> str:
@@ -127,7 +127,8 @@ def _table(table: ResultTable) -> Table:
 
 def _printed(column: Column) -> dict[str, tuple[str, ...]]:
     unit = f" / {column.unit}" if column.unit else ""
-    doubt = {f"U of it (k = {column.k:.2f}){unit}": column.expanded} if column.expanded else {}
+    factors = tuple(f"{k:.2f}" for k in column.k)
+    doubt = {f"U of it (95 %){unit}": column.expanded, "k": factors} if column.expanded else {}
     return {f"{column.name}{unit}": column.values, **doubt}
 
 
@@ -137,6 +138,7 @@ def _conformities(certificate: Certificate) -> Section:
             one.judged.name,
             one.judged.value,
             one.judged.expanded,
+            f"{one.judged.k:.2f}" if one.judged.expanded else "",
             f"{'>=' if one.at_least else '<='} {one.limit}" if one.limit else "",
             one.judged.unit,
             one.decision,
@@ -144,7 +146,7 @@ def _conformities(certificate: Certificate) -> Section:
         )
         for one in certificate.conformities
     ]
-    names = ["judged", "value", "U (95 %)", "limit", "unit", "outcome", "rule"]
+    names = ["judged", "value", "U (95 %)", "k", "limit", "unit", "outcome", "rule"]
     return Section("Statements of conformity", tables=(Table("What was judged", pd.DataFrame(rows, columns=names)),))
 
 

@@ -1,5 +1,6 @@
 """The results of a calibration report: records' estimates, tables and checks, rounded as they are printed."""
 
+import math
 from collections.abc import Iterator, Sequence
 
 from fringecal.records import (
@@ -15,13 +16,18 @@ from fringecal.records import (
     VerificationRecord,
     rounded,
 )
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, coverage_factor
+
+
+def _estimate(value: float, u: float, dof: float | None, unit: str) -> Estimate:
+    """Take an estimate from what a record states; no degrees of freedom are infinitely many."""
+    return Estimate(value, u, unit, dof=math.inf if dof is None else dof)
 
 
 def groups_of(record: CalibrationRecord) -> Iterator[Group]:
     """Give the results of a calibration: camera, projection angle, what heights will be known to."""
     scale, angle = record.scale, record.projection
-    limit = record.distortion.detection_limit_px
+    limit, largest = record.distortion.detection_limit_px, record.distortion.max_px
     yield Group(
         "Camera",
         (
@@ -30,7 +36,7 @@ def groups_of(record: CalibrationRecord) -> Iterator[Group]:
             Measured.of("Scale along the columns", scale.vertical.estimate()),
             Measured.of(
                 "Largest displacement by the lens",
-                Estimate(record.distortion.max_px.value, record.distortion.max_px.u, "px"),
+                _estimate(largest.value, largest.u, largest.dof, "px"),
             ),
         ),
         note=f"Distortion: {record.distortion.verdict}; detection limit {limit:.2g} px. The scale holds on the plate.",
@@ -51,7 +57,7 @@ def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:
     columns = record.projection.columns
     if not columns:
         return ()
-    angles = [Measured.of("", Estimate(c.angle_deg, c.u_deg, "deg")) for c in columns]
+    angles = [Measured.of("", _estimate(c.angle_deg, c.u_deg, c.dof, "deg")) for c in columns]
     parts = [
         Column("Place along x", tuple(f"{c.x_mm:.1f}" for c in columns), "mm", ref_type="basic_referenceValue"),
         Column(
@@ -59,7 +65,7 @@ def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:
             tuple(a.value for a in angles),
             "deg",
             tuple(a.expanded for a in angles),
-            angles[0].k,
+            tuple(a.k for a in angles),
             "basic_measuredValue",
         ),
     ]
@@ -71,7 +77,7 @@ def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:
 
 def _forecasts(record: CalibrationRecord) -> ResultTable:
     forecasts = record.advice.forecasts if record.advice else ()
-    k = Estimate(0.0, 1.0).expanded().k
+    k = coverage_factor()
     return ResultTable(
         "Uncertainty of heights over the field",
         (
@@ -100,7 +106,7 @@ def errors_of(verification: VerificationRecord | None) -> Iterator[Group]:
 
 
 def _profiles(profiles: Sequence[ProfileRecord]) -> ResultTable:
-    means = [Measured.of("", Estimate(p.mean_mm, p.u_mm, "mm")) for p in profiles]
+    means = [Measured.of("", _estimate(p.mean_mm, p.u_mm, p.dof, "mm")) for p in profiles]
     return ResultTable(
         "Height errors along profiles",
         (
@@ -110,7 +116,7 @@ def _profiles(profiles: Sequence[ProfileRecord]) -> ResultTable:
                 tuple(m.value for m in means),
                 "mm",
                 tuple(m.expanded for m in means),
-                means[0].k,
+                tuple(m.k for m in means),
                 "basic_measurementError",
             ),
             Column("Standard deviation along the profile", tuple(f"{p.sd_mm:.3f}" for p in profiles), "mm"),
@@ -125,7 +131,7 @@ def _readings(readings: Sequence[ReadingRecord]) -> Iterator[ResultTable]:
     usable = [r for r in readings if r.reference is not None and r.u_measured is not None]
     for unit in dict.fromkeys(r.unit for r in usable):
         rows = [r for r in usable if r.unit == unit]
-        found = [Measured.of("", Estimate(r.measured, float(r.u_measured or 0.0), "")) for r in rows]
+        found = [Measured.of("", _estimate(r.measured, float(r.u_measured or 0.0), r.dof, "")) for r in rows]
         unit = "" if unit == "1" else unit
         names = "; ".join(f"{n}: {r.name}" for n, r in enumerate(rows, start=1))
         certified = tuple(f"{r.reference:.6g}" for r in rows)
@@ -134,7 +140,7 @@ def _readings(readings: Sequence[ReadingRecord]) -> Iterator[ResultTable]:
             tuple(m.value for m in found),
             unit,
             tuple(m.expanded or "0" for m in found),
-            found[0].k,
+            tuple(m.k for m in found),
             "basic_measuredValue",
         )
         yield ResultTable(
@@ -145,13 +151,13 @@ def _readings(readings: Sequence[ReadingRecord]) -> Iterator[ResultTable]:
 
 
 def conformity_of(check: Check) -> Conformity:
-    """Turn a check into a statement of conformity, its value rounded to its uncertainty."""
-    value = float(check.value or 0.0)
-    expanded = check.expanded if check.expanded is not None else (check.u or 0.0) * Estimate(0.0, 1.0).expanded().k
+    """Turn a check into a statement of conformity, its value rounded to its uncertainty; k is that of its U."""
+    value, u = float(check.value or 0.0), check.u or 0.0
+    expanded = check.expanded if check.expanded is not None else coverage_factor() * u
     text, doubt = rounded(value, expanded) if expanded else (f"{value:.3g}", "")
-    k = Estimate(0.0, 1.0).expanded().k
+    name = f"{check.name[:1].upper()}{check.name[1:]}{' (En)' if check.score == 'En' else ''}"
     return Conformity(
-        Measured(check.name[:1].upper() + check.name[1:], text, check.unit, doubt, k),
+        Measured(name, text, check.unit, doubt, expanded / u if u else math.nan),
         "" if check.limit is None else f"{check.limit:.6g}",
         check.decision,
         check.rule,

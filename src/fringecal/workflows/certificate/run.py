@@ -69,7 +69,7 @@ def certificate_of(
         groups=(*groups_of(record), *errors_of(verification)),
         conformities=tuple(conformity_of(check) for check in checks if check.value is not None),
         decision=severest(checks),
-        methods=_methods(record),
+        methods=_methods(record, verification),
         standards=standards,
         statements=tuple(_statements(lab, standards, missing)),
         software=record.software,
@@ -102,8 +102,9 @@ def _temperature(record: CalibrationRecord, lab: Laboratory) -> tuple[float, flo
 
 
 # ---- how, against what, and what the reader must know ---------------------------------------------
-def _methods(record: CalibrationRecord) -> tuple[Method, ...]:
+def _methods(record: CalibrationRecord, verification: VerificationRecord | None) -> tuple[Method, ...]:
     level = 0.95 if record.limits is None else record.limits.level
+    older = any(one is not None and one.en_definition is None for one in (record, verification))
     return (
         Method(
             "Commissioning of a fringe-projection rig",
@@ -113,9 +114,17 @@ def _methods(record: CalibrationRecord) -> tuple[Method, ...]:
         Method(
             "Expanded uncertainty",
             "Stated is the standard uncertainty times the coverage factor k given with it, for a coverage probability "
-            "of 95 %; propagated from the covariance of the fit and the stated uncertainties of the artefacts.",
+            "of 95 %; propagated from the covariance of the fit and the stated uncertainties of the artefacts. k is "
+            "Student's t for the effective degrees of freedom, 1.96 where these are infinite.",
             ("JCGM 100:2008",),
             "basic_uncertainty",
+        ),
+        Method(
+            "En",
+            "En stands in a record of an older version, and is formed as the rule beside it says."
+            if older
+            else "En = difference / root sum of squares of both expanded uncertainties, formed as above.",
+            () if older else ("ISO 13528:2022", "ISO/IEC 17043:2023"),
         ),
         Method(
             "Decision rule",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fringecal.calibration import Calibrated
 from fringecal.projector import OFF, AxisAngle, RigCalibration
 from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
-from fringecal.uncertainty import Influence
+from fringecal.uncertainty import EXPANDED_BY, Influence
 from fringecal.workflows.commission.angle_findings import AngleFindings
 from fringecal.workflows.shared import budget_table, field_mm
 
@@ -26,6 +26,7 @@ _FORMATS = {
     "shift / mm": "+z.3f",
     "angle / deg": ".3f",
     "dof": DOF,
+    "U / deg": DOUBT,
     "apparent / deg": ".3f",
     "theory / deg": ".3f",
     "apparent in theory / deg": ".3f",
@@ -47,9 +48,11 @@ def angle_section(found: AngleFindings) -> Section:
         if rows:
             line = f"on the line {'y' if place == 'x' else 'x'} = 0"
             compared = (
-                "theory from the stated positions" if found.theory else "no theory: no position of the lamp stated"
+                "theory from the stated positions, En = difference / root sum of squares of both U"
+                if found.theory
+                else "no theory: no position of the lamp stated"
             )
-            note = f"{line}; {CONVENTION}; {compared}"
+            note = f"{line}; {CONVENTION}; {compared}; {EXPANDED_BY}"
             tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
             figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
     if not tables:
@@ -70,6 +73,7 @@ def columns_frame(rows: tuple[AxisAngle, ...]) -> pd.DataFrame:
             "angle / deg": c.angle.value,
             "u / deg": c.angle.u,
             "dof": c.angle.dof,
+            "U / deg": c.angle.expanded().U,
             "apparent / deg": c.apparent_deg,
             "theory / deg": c.theory.value if c.theory else None,
             "u(theory) / deg": c.theory.u if c.theory else None,
@@ -83,7 +87,7 @@ def columns_frame(rows: tuple[AxisAngle, ...]) -> pd.DataFrame:
 
 
 def _angle_figure(rows: tuple[AxisAngle, ...], caption: str, label: str) -> FigureItem:
-    theory = [(c.theory.value, c.theory.u) for c in rows if c.theory is not None]
+    theory = [(c.theory.value, c.theory.expanded().U) for c in rows if c.theory is not None]
     figure = angle_plot(
         np.array([c.place_mm for c in rows]),
         np.array([c.angle.value for c in rows]),

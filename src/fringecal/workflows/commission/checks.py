@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 from fringecal.calibration import CONTRADICTS, Calibrated
 from fringecal.projector import LAMP_CHANCE
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
-from fringecal.uncertainty import Estimate, Influence
-from fringecal.workflows.shared import judged_below, rms_estimate
+from fringecal.uncertainty import Estimate, Influence, en_score
+from fringecal.workflows.shared import judged_below, judged_en, rms_estimate
 from fringecal.workflows.verify import verified_checks
 
 if TYPE_CHECKING:
@@ -61,13 +61,11 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
         )
     if result.origin.en is not None:
         checks.append(
-            Check(
-                name="angle against theory",
-                value=result.origin.en,
-                limit=own.angle_en,
-                decision="pass" if abs(result.origin.en) <= own.angle_en else "fail",
-                rule=f"|En| <= {own.angle_en:g}, En = difference over the root sum of squares of both expanded "
-                "uncertainties (k = 2)",
+            judged_en(
+                "angle against theory",
+                result.origin.en,
+                own.angle_en,
+                of="difference / root sum of squares of U of measured and theoretical angle",
             )
         )
     several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.examined))
@@ -152,14 +150,13 @@ def pitch_check(seen: Estimate, stated: Estimate, *, most: float = DEFAULT_LIMIT
     --------
     >>> check = pitch_check(Estimate(1200.0, 3.0, "mm"), Estimate(1000.0, 5.0, "mm"))
     >>> check.decision, round(check.value, 1)
-    ('fail', 17.1)
+    ('fail', 17.5)
     """
-    en = (seen.value - stated.value) / (2 * math.hypot(seen.u, stated.u))
-    return Check(
-        name="grid pitch against camera height",
-        value=en,
-        limit=most,
-        decision="pass" if abs(en) <= most else "fail",
-        rule=f"|En| <= {most:g}; lens and grid put the camera at {seen.value:.1f} mm, stated {stated.value:.1f} mm: "
-        f"if not the height, the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
+    return judged_en(
+        "grid pitch against camera height",
+        en_score(seen, stated),
+        most,
+        of="difference / root sum of squares of U of both heights",
+        note=f"; lens and grid put the camera at {seen.value:.1f} mm, stated {stated.value:.1f} mm: if not the height, "
+        f"the pitch is wrong by a factor of {stated.value / seen.value:.4f}",
     )

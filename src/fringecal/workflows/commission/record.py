@@ -13,7 +13,7 @@ from fringecal.projector import RIG_NAMES, Advice, AxisAngle, projector_estimate
 from fringecal.records import DEFAULT_LIMITS, EstimateRecord, LensRecord, Limits, ValueU, VectorU, software_versions
 from fringecal.records import calibration_record as record
 from fringecal.session import Session
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import EN_DEFINITION, Estimate
 from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.run import Commissioning
@@ -42,6 +42,7 @@ def calibration_record(
         command=tuple(command),
         session=session_note(session),
         inputs=inputs_of(session),
+        en_definition=EN_DEFINITION,
         image=record.ImageRecord(
             width=result.rig.camera.width_px,
             height=result.rig.camera.height_px,
@@ -126,7 +127,7 @@ def _distortion_record(found: Calibrated) -> record.DistortionRecord:
     test = found.camera.distortion
     return record.DistortionRecord(
         verdict=test.verdict,
-        max_px=ValueU(value=test.max_px.value, u=test.max_px.u),
+        max_px=ValueU(value=test.max_px.value, u=test.max_px.u, dof=test.max_px.dof),
         detection_limit_px=test.detection_limit_px,
         k1=found.rig.camera["k1"],
         k2=found.rig.camera["k2"],
@@ -178,6 +179,7 @@ def _column_record(column: AxisAngle) -> record.ColumnRecord:
         breaks=column.breaks,
         angle_deg=column.angle.value,
         u_deg=column.angle.u,
+        dof=column.angle.dof,
         apparent_deg=column.apparent_deg,
         theory_deg=None if column.theory is None else column.theory.value,
         difference_deg=column.difference_deg,

@@ -1,5 +1,7 @@
 """The rig's part of a commissioning report: strips, joint fit, projector."""
 
+import math
+
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
@@ -7,6 +9,7 @@ from numpy.typing import NDArray
 from fringecal.camera import CAMERA_NAMES
 from fringecal.projector import RIG_NAMES, RigCalibration, projector_estimates, seen_axes
 from fringecal.report import FigureItem, Section, Table, classification_overlay
+from fringecal.uncertainty import EXPANDED_BY, Estimate, en_score
 from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.residual_section import ResidualMaps, residual_figures
 from fringecal.workflows.shared import projector_of, rig_figure
@@ -157,10 +160,14 @@ def _projector_tables(found: CalibratedSession) -> tuple[Table, ...]:
         frame["from"] = np.where(seen, "fringes", "stated; not seen by these fringes")
         frame["stated / mm"], frame["u(stated) / mm"] = position.value_mm, position.u_mm
         frame["difference / mm"] = np.where(seen, frame["fitted / mm"] - position.value_mm, np.nan)
-        both = np.hypot(u, position.u_mm)
-        frame["En"] = frame["difference / mm"] / (2 * np.where(both > 0, both, np.nan))
+        frame["En"] = [
+            en_score(one, Estimate(float(value), float(u_mm), "mm")) if along and max(one.u, u_mm) > 0 else math.nan
+            for one, value, u_mm, along in zip(fitted, position.value_mm, position.u_mm, seen, strict=True)
+        ]
     formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
     doubts = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
     note = "plate frame; the coordinate along the fringes cannot be seen by them"
+    if position is not None:
+        note = f"{note}; En = difference / root sum of squares of both U; {EXPANDED_BY}"
     doubts = {name: u for name, u in doubts.items() if name in frame}
     return (Table("Position of the projector", frame, note, formats, doubts),)

@@ -21,11 +21,11 @@ from fringecal.report import (
     change_bars,
     rig_drawing,
 )
-from fringecal.uncertainty import Influence, doubt_text, value_text
-from fringecal.workflows.compare.run import COVERAGE, Compared, compare_calibrations, shared_influences
+from fringecal.uncertainty import EXPANDED_BY, Influence, doubt_text, value_text
+from fringecal.workflows.compare.run import Compared, compare_calibrations, shared_influences
 from fringecal.workflows.shared import calibration_of, field_mm
 
-_NOTE = "U: expanded uncertainties, k = 2; U(difference) leaves out what both share; En = difference / U(difference)"
+_NOTE = f"{EXPANDED_BY}; U(difference) leaves out what both share; En = difference / U(difference)"
 _HEIGHTS = "Heights are what the second calibration reads where the first one reads the round value."
 
 
@@ -79,8 +79,8 @@ def _facts(compared: Sequence[Compared]) -> tuple[Fact, ...]:
     return tuple(
         Fact(
             f"Change of {c.name}",
-            f"{value_text(c.difference.value, COVERAGE * c.difference.u, sign=True)} {c.difference.unit}",
-            f"U {doubt_text(COVERAGE * c.difference.u)}, En {c.en:+.2f}",
+            f"{value_text(c.difference.value, c.difference.expanded().U, sign=True)} {c.difference.unit}",
+            f"U {doubt_text(c.difference.expanded().U)}, En {c.en:+.2f}",
         )
         for c in chosen
     )
@@ -91,11 +91,11 @@ def _differences(compared: Sequence[Compared], shared: Sequence[Influence]) -> S
         {
             "quantity": [c.name for c in compared],
             "first": [c.first.value for c in compared],
-            "U(first)": [COVERAGE * c.first.u for c in compared],
+            "U(first)": [c.first.expanded().U for c in compared],
             "second": [c.second.value for c in compared],
-            "U(second)": [COVERAGE * c.second.u for c in compared],
+            "U(second)": [c.second.expanded().U for c in compared],
             "difference": [c.difference.value for c in compared],
-            "U(difference)": [COVERAGE * c.difference.u for c in compared],
+            "U(difference)": [c.difference.expanded().U for c in compared],
             "En": [c.en for c in compared],
             "unit": [c.difference.unit for c in compared],
             "verdict": [_decision(c) for c in compared],

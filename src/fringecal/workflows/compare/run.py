@@ -1,7 +1,7 @@
 """Two calibrations of one rig beside each other: whether they agree, in what was measured and in heights."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,13 +11,12 @@ from fringecal.camera import local_scale
 from fringecal.errors import RecordError
 from fringecal.projector import RigCalibration, apparent_angle, fringe_pitch_mm, projection_angle, seen_axes
 from fringecal.records import CalibrationRecord
-from fringecal.uncertainty import Estimate, Influence
+from fringecal.uncertainty import Estimate, Influence, effective_dof, en_score
 from fringecal.workflows.shared import calibration_of
 
 Array = NDArray[np.float64]
 Quantity = Callable[[RigCalibration], float]
 
-COVERAGE = 2.0  # k of the expanded uncertainties
 # Kinds of artefact whose error is the same in both calibrations where both used one and the same.
 _SHARED = {Influence.GRID_PITCH: ("line-grid",), Influence.STRIP_HEIGHT: ("strips",)}
 # Fractions of the picture's width and height at which heights are compared.
@@ -41,9 +40,10 @@ class Compared:
 
     @property
     def en(self) -> float:
-        """Difference over its expanded uncertainty, k = 2; 0 where neither is uncertain nor different."""
-        value, expanded = self.difference.value, COVERAGE * self.difference.u
-        return value / expanded if expanded > 0 else math.copysign(math.inf, value) if value else 0.0
+        """`en_score` of the difference; 0 where neither is uncertain nor different."""
+        if self.difference.u > 0:
+            return en_score(self.difference)
+        return math.copysign(math.inf, self.difference.value) if self.difference.value else 0.0
 
     @property
     def agrees(self) -> bool:
@@ -138,23 +138,36 @@ def _compared(
 ) -> Compared:
     moved = [_changes(c, quantity) for c in both]
     first, second = (
-        Estimate(quantity(c), _root_sum(changes.values()), unit, name) for c, changes in zip(both, moved, strict=True)
+        _estimate(quantity(c), tuple(changes.values()), unit, name) for c, changes in zip(both, moved, strict=True)
     )
-    together = [np.subtract(moved[1].get(one, 0.0), moved[0].get(one, 0.0)) for one in shared]
+    together = [_shared_change(moved[0].get(one, _NOTHING), moved[1].get(one, _NOTHING)) for one in shared]
     apart = [change for one in moved for influence, change in one.items() if influence not in shared]
-    difference = Estimate(second.value - first.value, _root_sum((*together, *apart)), unit, f"change of {name}")
+    difference = _estimate(second.value - first.value, (*together, *apart), unit, f"change of {name}")
     return Compared(name, first, second, difference)
 
 
-def _root_sum(changes: Iterable[Array]) -> float:
-    return math.sqrt(sum(float(np.sum(np.square(change))) for change in changes))
+_NOTHING = np.array([[0.0], [math.inf]])  # of an influence that one calibration does not have
+
+
+def _estimate(value: float, changes: Sequence[Array], unit: str, label: str) -> Estimate:
+    """Combine independent changes, each an array (2, n) of contributions and their degrees of freedom."""
+    contributions, dof = np.concatenate([np.empty((2, 0)), *changes], axis=1)
+    return Estimate(value, float(np.linalg.norm(contributions)), unit, label, effective_dof(contributions, dof))
+
+
+def _shared_change(before: Array, after: Array) -> Array:
+    """Return what an influence that moves both alike contributes to their difference, and its degrees of freedom."""
+    return np.stack([after[0] - before[0], np.minimum(before[1], after[1])])
 
 
 def _changes(calibration: RigCalibration, quantity: Quantity) -> dict[Influence, Array]:
-    """Return the signed changes under the components of each influence; a shared influence has one component."""
-    changes = calibration.changes(quantity)
+    """Return signed changes and degrees of freedom, (2, n), of the components of each influence.
+
+    A shared influence has one component.
+    """
+    changes = np.stack([calibration.changes(quantity), [component.dof for component in calibration.components]])
     influences = [component.influence for component in calibration.components]
     return {
-        influence: changes[[n for n, one in enumerate(influences) if one is influence]]
+        influence: changes[:, [n for n, one in enumerate(influences) if one is influence]]
         for influence in dict.fromkeys(influences)
     }

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,20 +32,34 @@ _PAIRS = {"value": "u", "angle_deg": "u_deg", "mean_mm": "u_mm", "measured": "u_
 _VERBS = ("commission", "verify", "audit")
 _CALIBRATION = "--calibration"
 _JUDGED_WORDS = {"decision", "verdict", "model"}  # other words only say in figures what is compared anyway
+_EN = "en"
+_VERDICT = "verdict"
+# Degrees of freedom that records without `en_definition` did not write beside u, as pydantic leaves them out.
+_LATER_DOF: Any = {
+    "projection": {"columns": {"__all__": {"dof"}}},
+    "distortion": {"max_px": {"dof"}},
+    **{part: {"__all__": {"dof"}} for part in ("profiles", "profiles_with_edges", "readings", "changes")},
+}
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One place in which two records differ; numbers with an uncertainty tell the difference as a part of it."""
+    """One place in which two records differ; numbers with an uncertainty tell the difference as a part of it.
+
+    `defined` is whether another definition of En alone explains it: what En is formed from is compared for itself.
+    """
 
     place: str
     then: object
     now: object
     part_of_u: float | None = None
+    defined: bool = False
 
     @property
     def matters(self) -> bool:
         """Whether a result differs: by more than rounding against its uncertainty, in a verdict, or in structure."""
+        if self.defined:
+            return False
         if self.part_of_u is not None:
             return self.part_of_u > PART_OF_U
         if isinstance(self.then, str) and isinstance(self.now, str):
@@ -65,11 +79,14 @@ class Rerun:
         Every place in which it differs from the record; empty if all numbers are the same to the last digit.
     versions
         Software that is not the record's: then and now by package; empty text where it was or is not there.
+    same_en
+        Whether the record forms En as this version does.
     """
 
     fresh: Record
     differences: tuple[Difference, ...]
     versions: Mapping[str, tuple[str, str]]
+    same_en: bool = True
 
     @property
     def identical(self) -> bool:
@@ -88,6 +105,7 @@ class Rerun:
             f"{name} {then or 'absent'} then, {now or 'absent'} now" for name, (then, now) in self._sorted
         )
         reason = f" Other software: {other}." if other else " The software is the record's own."
+        reason = f"{self._about_en}{reason}"
         if self.identical:
             return f"The same files give the same numbers, to the last digit.{reason}"
         worst = max((d.part_of_u or 0.0 for d in self.differences), default=0.0)
@@ -95,6 +113,19 @@ class Rerun:
             return f"The same files give the same results: nothing differs by more than {worst:.1e} of its u.{reason}"
         count = sum(difference.matters for difference in self.differences)
         return f"The same files give other results in {count} place(s), at most {worst:.2g} of u.{reason}"
+
+    @property
+    def _about_en(self) -> str:
+        """Say that En is another number by definition, and which outcomes hang on that alone."""
+        if self.same_en:
+            return ""
+        outcomes = [d for d in self.differences if d.defined and isinstance(d.now, str)]
+        turned = ", ".join(f"{d.place} ({d.then} then, {d.now} now)" for d in outcomes)
+        return (
+            f" The record forms En by another definition ({self.fresh.en_definition} now; U = 2 u in older versions): "
+            "what En is formed from is compared, En itself is not."
+            + (f" By the definition alone differ: {turned}." if outcomes else "")
+        )
 
     @property
     def _sorted(self) -> list[tuple[str, tuple[str, str]]]:
@@ -132,7 +163,20 @@ def rerun(
     demand_inputs(record, folder, calibration)
     fresh = _again(record, load_session(folder), calibration, progress)
     then, now = (_compared(one, record) for one in (record, fresh))
-    return Rerun(fresh, tuple(differences(then, now)), _other_versions(record.software, software_versions()))
+    same_en = record.en_definition == fresh.en_definition
+    found = tuple(differences(then, now))
+    if not same_en:
+        found = _by_definition(found, {check.name for check in fresh.checks if check.score == "En"})
+    return Rerun(fresh, found, _other_versions(record.software, software_versions()), same_en)
+
+
+def _by_definition(found: Sequence[Difference], scores: set[str]) -> tuple[Difference, ...]:
+    """Mark what another definition of En explains: scores, outcomes of checks that are scores, a verdict by those."""
+    places = {f"checks.{name}.{key}" for name in scores for key in ("value", "decision")}
+    marked = [replace(d, defined=d.place in places or d.place.rpartition(".")[2] == _EN) for d in found]
+    turned = [d.defined for d in marked if d.place.startswith("checks.") and d.place.endswith(".decision")]
+    # Another outcome for another reason is a difference of its own, so that the verdict need not count as well.
+    return tuple(replace(d, defined=True) if d.place == _VERDICT and any(turned) else d for d in marked)
 
 
 def _again(record: Record, session: Session, calibration: Path | None, progress: Callable[[str], None]) -> Record:
@@ -228,7 +272,10 @@ def _other_versions(then: Mapping[str, str], now: Mapping[str, str]) -> dict[str
 
 def _compared(one: Record, written: Record) -> dict[str, Any]:
     """Give what is compared: all but the making, and nothing that an older version did not write."""
-    document = one.model_dump(mode="json", exclude=_OF_THE_MAKING | {"inputs"})
+    left_out: Any = dict.fromkeys((*_OF_THE_MAKING, "inputs", "en_definition"), True)
+    if written.en_definition is None:
+        left_out |= _LATER_DOF
+    document = one.model_dump(mode="json", exclude=left_out)
     absent = {name for name in _SILENT if getattr(written, name, None) in (None, ())}
     document["checks"] = _checks(one, written)
     return {name: value for name, value in document.items() if name not in absent}
@@ -238,7 +285,7 @@ def _checks(one: Record, written: Record) -> dict[str, dict[str, Any]]:
     """Give the checks that the record holds, by name: a newer version may judge more, and state more of each."""
     known = {check.name: check for check in written.checks}
     return {
-        check.name: check.model_dump(mode="json", exclude={"name", "rule", "expanded"})
+        check.name: check.model_dump(mode="json", exclude={"name", "rule", "expanded", "score"})
         for check in one.checks
         if check.name in known
     }

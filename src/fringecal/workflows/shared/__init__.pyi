@@ -50,6 +50,9 @@ from .judgement import (
     judged_below as judged_below,
 )
 from .judgement import (
+    judged_en as judged_en,
+)
+from .judgement import (
     rms_estimate as rms_estimate,
 )
 from .phase_notes import (

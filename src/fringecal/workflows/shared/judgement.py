@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from fringecal.records import DEFAULT_LIMITS, Check
-from fringecal.uncertainty import Estimate, decide
+from fringecal.uncertainty import EXPANDED_BY, Estimate, decide
 
 if TYPE_CHECKING:
     pass
@@ -63,4 +63,35 @@ def judged_below(name: str, found: Estimate, limit: float, level: float) -> Chec
         unit=found.unit,
         decision=decide(found.value, found.u, upper=limit, level=level).outcome,
         rule=f"below the limit with a probability of {level:.0%} at least (guard band)",
+    )
+
+
+def judged_en(name: str, en: float, limit: float, *, of: str, note: str = "") -> Check:
+    """Judge an En score, which holds the uncertainties already, against its limit without a guard band.
+
+    Parameters
+    ----------
+    name
+        What is judged.
+    en
+        The score, from `en_score`.
+    limit
+        Largest size allowed, 1 by definition.
+    of
+        The quotient in words, for the rule.
+    note
+        What else the rule must say.
+
+    Examples
+    --------
+    >>> print(judged_en("step", 0.4, 1.0, of="error / U").rule)
+    |En| <= 1, En = error / U; U: 95 % coverage, k from the effective degrees of freedom
+    """
+    return Check(
+        name=name,
+        value=en,
+        limit=limit,
+        decision="pass" if abs(en) <= limit else "fail",
+        rule=f"|En| <= {limit:g}, En = {of}; {EXPANDED_BY}{note}",
+        score="En",
     )

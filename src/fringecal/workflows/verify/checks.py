@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
 from fringecal.verification import Reading
-from fringecal.workflows.shared import judged
+from fringecal.workflows.shared import judged, judged_en
 
 if TYPE_CHECKING:
     from fringecal.workflows.verify.run import Verification
@@ -34,14 +34,11 @@ def verified_checks(found: "Verified", limits: Limits = DEFAULT_LIMITS) -> tuple
 
 def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of a verification: every profile, and all together, against the certificate."""
-    most = limits.verify.en
-    rule = f"|En| <= {most:g}, En = mean error over its expanded uncertainty (k = 2), certificate included"
     checks = []
     for profile in (*found.errors.profiles, found.errors.pooled):
         if profile.en is not None:
-            decision = "pass" if abs(profile.en) <= most else "fail"
             name = f"mean error, {profile.name if profile is found.errors.pooled else 'profile ' + profile.name}"
-            checks.append(Check(name=name, value=profile.en, limit=most, decision=decision, rule=rule))
+            checks.append(judged_en(name, profile.en, limits.verify.en, of="mean error / U, certificate included"))
     if limits.verify.mean_error_percent is not None:
         checks.append(_tolerated_mean(found, limits))
     return tuple(checks)
@@ -52,7 +49,7 @@ def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
     pooled, full = found.errors.pooled, found.errors.full_height_mm
     return judged(
         "mean error against the tolerance",
-        Estimate(pooled.mean_percent, 100 * pooled.u_mm / full, "%"),
+        Estimate(pooled.mean_percent, 100 * pooled.u_mm / full, "%", dof=pooled.dof),
         limits.verify.mean_error_percent or 0.0,
         level=limits.level,
     )
@@ -60,16 +57,9 @@ def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
 
 def artefact_checks(readings: Sequence[Reading], limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
     """Return the checks of an artefact: every certified number, against its certificate."""
-    most = limits.verify.en
-    rule = f"|En| <= {most:g}, En = error over the expanded uncertainties (k = 2) of rig and certificate"
+    quotient = "error / root sum of squares of U of rig and certificate"
     return tuple(
-        Check(
-            name=reading.name,
-            value=reading.en,
-            limit=most,
-            decision="pass" if abs(reading.en) <= most else "fail",
-            rule=rule,
-        )
+        judged_en(reading.name, reading.en, limits.verify.en, of=quotient)
         for reading in readings
         if reading.en is not None
     )

@@ -15,6 +15,7 @@ from fringecal.records import (
     software_versions,
 )
 from fringecal.session import Session
+from fringecal.uncertainty import EN_DEFINITION
 from fringecal.verification import ProfileErrors, ZigzagErrors
 from fringecal.workflows.shared import findings_of, inputs_of, plate_beside, session_note
 from fringecal.workflows.verify.checks import verification_checks
@@ -37,6 +38,7 @@ def verification_record(
         session=session_note(session),
         inputs=inputs_of(session, only=(found.capture, plate_beside(session, found.capture))),
         calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        en_definition=EN_DEFINITION,
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
         full_height_mm=errors.full_height_mm,

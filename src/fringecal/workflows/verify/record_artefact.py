@@ -13,6 +13,7 @@ from fringecal.records import (
     software_versions,
 )
 from fringecal.session import Session
+from fringecal.uncertainty import EN_DEFINITION
 from fringecal.verification import Reading
 from fringecal.workflows.shared import budget_rows, inputs_of, session_note
 from fringecal.workflows.verify.artefacts import ArtefactVerification
@@ -34,6 +35,7 @@ def artefact_record(
         session=session_note(session),
         inputs=inputs_of(session, only=[found.capture]),
         calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        en_definition=EN_DEFINITION,
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
         height_model="projective",
@@ -53,6 +55,7 @@ def _reading_record(reading: Reading) -> ReadingRecord:
         reference=reading.reference,
         error=reading.error,
         u_measured=reading.u_measured,
+        dof=reading.dof,
         u_reference=reading.u_reference,
         en=reading.en,
         points=reading.points,

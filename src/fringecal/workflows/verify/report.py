@@ -9,6 +9,7 @@ import pandas as pd
 
 from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
 from fringecal.report import (
+    DOF,
     Fact,
     FigureItem,
     Layer,
@@ -21,6 +22,7 @@ from fringecal.report import (
     error_map,
     profile_plot,
 )
+from fringecal.uncertainty import EXPANDED_BY
 from fringecal.verification import ProfileCurve, ProfileErrors, ZigzagErrors, models_table, ranking_table
 from fringecal.workflows.shared import (
     doctor_section,
@@ -46,6 +48,7 @@ _PROFILE_COLUMNS = {
     "mean_percent": ("mean / %", "+z.3f"),
     "max_percent": ("max / %", ".3f"),
     "u_mm": ("u(mean) / mm", "s"),
+    "dof": ("dof", DOF),
     "en": ("En", "+z.2f"),
     "missing_share": ("masked share", ".3f"),
 }
@@ -158,7 +161,8 @@ def _profile_table(errors: ZigzagErrors, *, edges: bool) -> Table:
         f"Errors per profile, edge zones {'included' if edges else 'left out'}",
         frame,
         _PROFILE_COLUMNS | place,
-        f"measured - reference; percent of the full height {errors.full_height_mm:.3f} mm; En with k = 2",
+        f"measured - reference; percent of the full height {errors.full_height_mm:.3f} mm; "
+        f"En = mean / U(mean), certificate included; {EXPANDED_BY}",
     )
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pandas as pd
 
 from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
-from fringecal.report import Fact, FigureItem, Layer, Live, Report, Section, Table, Verdict, budget_bars, error_map
+from fringecal.report import DOF, Fact, FigureItem, Layer, Live, Report, Section, Table, Verdict, budget_bars, error_map
+from fringecal.uncertainty import EXPANDED_BY
 from fringecal.verification import Reading, readings_table
 from fringecal.workflows.shared import (
     budget_table,
@@ -21,7 +22,8 @@ from fringecal.workflows.verify.artefacts import ArtefactVerification
 from fringecal.workflows.verify.checks import artefact_checks
 
 _NOTE = (
-    "error = measured - certified; u: standard uncertainty of rig and certificate; En with k = 2. Form errors follow "
+    "error = measured - certified; u: standard uncertainty of rig and certificate, dof that of the rig's; "
+    f"En = error / root sum of squares of both U; {EXPANDED_BY}. Form errors follow "
     "VDI/VDE 2634-2 (range, 3 per mille of the points left out) and ISO 10360-13 (width holding 95 %), without a claim "
     "of conformity; they contain the noise and grow with the number of points"
 )
@@ -74,6 +76,7 @@ def numbers_section(found: ArtefactVerification) -> Section:
         "reference": ".4f",
         "error": "+z.4f",
         "en": "+z.2f",
+        "dof": DOF,
     }
     names = {"u_measured": "u(measured)", "u_reference": "u(certificate)", "reference": "certified", "en": "En"}
     frame = readings_table(found.readings)

@@ -115,7 +115,9 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     surface = height_of_phase(absolute, calibration, height_range_mm=heights)
     progress("registering the zig-zag")
     pose = register_zigzag(surface, target)
-    errors = zigzag_errors(surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities)
+    errors = zigzag_errors(
+        surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities, dof=surface.systematic.dof
+    )
     models = {"projective": errors}
     if with_models:
         progress("height models side by side")

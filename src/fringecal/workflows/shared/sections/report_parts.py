@@ -18,7 +18,7 @@ from fringecal.report import (
     phase_overview,
 )
 from fringecal.session import Capture
-from fringecal.uncertainty import Budget, Estimate
+from fringecal.uncertainty import EXPANDED_BY, Budget, Estimate
 from fringecal.workflows.shared.capture_phase import CapturePhase
 
 _SEVEREST_FIRST: tuple[Decision, ...] = ("fail", "conditionalFail", "conditionalPass", "pass", "info")
@@ -53,7 +53,8 @@ def estimates_table(
     ]
     frame = pd.DataFrame(rows)
     frame.insert(0, first, list(estimates))
-    return Table(caption, frame, header_note, {"value": "#.6g", "U (95 %)": DOUBT, "dof": DOF}, {"value": "u"})
+    note = "; ".join(filter(None, (header_note, EXPANDED_BY)))
+    return Table(caption, frame, note, {"value": "#.6g", "U (95 %)": DOUBT, "dof": DOF}, {"value": "u"})
 
 
 def budget_table(caption: str, budget: Budget) -> Table:
@@ -74,7 +75,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     near = any(c.value is not None and c.limit and 0 < abs(abs(c.value) / c.limit - 1) < 0.005 for c in checks)
     formats = {"value": ".6g" if near else ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
-    return Table("What was checked", frame.set_axis(names, axis="columns"), "", formats, {"value": "u"})
+    return Table("What was checked", frame.set_axis(names, axis="columns"), EXPANDED_BY, formats, {"value": "u"})
 
 
 def severest(checks: Sequence[Check]) -> Decision:
