@@ -14,7 +14,7 @@ EN_DEFINITION = f"En = difference / root sum of squares of both U; {EXPANDED_BY}
 def en_score(found: Estimate, reference: Estimate | None = None) -> float:
     """Return the En score of a result, or of a difference; ``|En| <= 1``: it agrees within the expanded uncertainties.
 
-    ``En = (x - X) / sqrt(U(x)^2 + U(X)^2)`` (ISO 13528:2022, 9.7; ISO/IEC 17043:2023, annex B). Every ``U = k u`` is
+    ``En = (x - X) / sqrt(U(x)^2 + U(X)^2)`` (ISO 13528:2022; ISO/IEC 17043:2023). Every ``U = k u`` is
     `Estimate.expanded`: coverage probability 95 %, k of Student's t for the effective degrees of freedom of its own u.
     Holds for independent results; what two results share belongs into u of their difference, given alone.
 
@@ -44,7 +44,7 @@ def en_score(found: Estimate, reference: Estimate | None = None) -> float:
 
 
 def zeta_score(found: Estimate, reference: Estimate) -> float:
-    """Return the zeta score: as En, but by STANDARD uncertainties; beyond 2 doubtful, beyond 3 wrong (ISO 13528, 9.6).
+    """Return the zeta score: as En, but by STANDARD uncertainties; beyond 2 doubtful, beyond 3 wrong (ISO 13528).
 
     Examples
     --------
