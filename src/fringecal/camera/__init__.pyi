@@ -5,6 +5,9 @@ from .distortion.check_points import (
     cost_of_neglect_px as cost_of_neglect_px,
 )
 from .distortion.distortion_test import (
+    SIGNIFICANCE as SIGNIFICANCE,
+)
+from .distortion.distortion_test import (
     Centre as Centre,
 )
 from .distortion.distortion_test import (

@@ -7,9 +7,8 @@ import typer
 
 from fringecal import __version__
 from fringecal.cli.shared.console import complain
+from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS
 from fringecal.errors import FringecalError
-
-EXIT_PASS, EXIT_ERROR, EXIT_USAGE, EXIT_OUT_OF_TOLERANCE, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 VERBS = (
     "demo",

@@ -9,10 +9,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.shared.console import complain, console, print_json
+from fringecal.cli.shared.exit_codes import EXIT_ERROR
 from fringecal.errors import SessionError
 from fringecal.session import Session, SessionCheck, check_report, check_session
-
-EXIT_ERROR = 1
 
 
 def register(app: typer.Typer) -> None:

@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.cli.shared.saving import demand_folder
 from fringecal.report import REPORT_FILE, write_report
 from fringecal.uncertainty import doubt_text, value_text
@@ -279,7 +280,7 @@ def chart(
     else:
         _tell_reviews(reviews, verdict.sentence)
     if verdict.decision == "conditionalFail":
-        raise typer.Exit(3)
+        raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
 def _tell_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]

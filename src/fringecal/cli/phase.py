@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.cli.shared.phase_orders import (
     counted_orders,
     named,
@@ -98,7 +99,7 @@ def phase(
         for one_order in orders:
             show_orders(one_order)
     if any(document.get("findings") for document in documents):
-        raise typer.Exit(3)
+        raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
 def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:

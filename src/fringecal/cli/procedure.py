@@ -13,6 +13,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.exit_codes import EXIT_ERROR
 from fringecal.errors import FringecalError
 from fringecal.session import SessionCheck, check_session
 from fringecal.workflows.procedure import Page, StepState, Walk, parse_page, walk
@@ -92,7 +93,7 @@ def run(
     else:
         _tell(found, arguments, needs_calibration=wanted)
     if not found.ready or (wanted and out is not None):
-        raise typer.Exit(1)
+        raise typer.Exit(EXIT_ERROR)
     if out is None or as_json:
         return
     before = _done_before(check, calibration, out)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.cli.shared.saving import progress
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ Exit code 0 if every result is the same, 3 if one differs by more than 1 % of it
 
 Example: fringecal rerun calibration/calibration.json --session bench/2026-11-22
 """
-_SHOWN = 10
+_SHOWN = 10  # differences on a terminal, the largest; --json lists all
 
 
 def register(app: typer.Typer) -> None:
@@ -53,7 +54,7 @@ def rerun(
     else:
         _tell(found)
     if not found.agrees:
-        raise typer.Exit(3)
+        raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
 def _document(found: "Rerun") -> dict[str, Any]:

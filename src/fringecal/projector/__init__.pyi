@@ -1,4 +1,7 @@
 from .advice import (
+    HEIGHTS_MM as HEIGHTS_MM,
+)
+from .advice import (
     Advice as Advice,
 )
 from .advice import (

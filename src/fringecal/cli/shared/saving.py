@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from fringecal.cli.shared.console import console
+from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.errors import RecordError
 from fringecal.report import REPORT_FILE
 from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
@@ -81,7 +82,7 @@ def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path)
         )
     say(f"report: {out / REPORT_FILE}")
     if failed:
-        raise typer.Exit(3)
+        raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
 @contextmanager

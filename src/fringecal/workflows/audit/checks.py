@@ -13,7 +13,7 @@ from fringecal.projector import RigCalibration, angle_budget
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, en_score
 from fringecal.workflows.audit.change_covariance import light_doubt
-from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, strip_step
+from fringecal.workflows.audit.layout import CAMERA_QUANTITIES, PLATE_DEGREE, STRIPS_DEGREE, strip_step
 from fringecal.workflows.audit.observed import PlateToday, StripsToday, base_state
 from fringecal.workflows.audit.run import CHANCE, Audit
 from fringecal.workflows.audit.sentences import reuse_sentence
@@ -23,6 +23,9 @@ from fringecal.workflows.verify import artefact_checks, verification_checks
 Array = NDArray[np.float64]
 
 _MISSED = 0.05  # chance of not seeing a change as large as the detection limit
+_SHARES = (0.01, 1.0, 100)  # of the doubt's variance that may be at work: from, to, and how many are tried
+_SIGNIFICANT = 3.0  # uncertainties from which on the slope of an rms is that of the change, and not of its scatter
+_U_NOISE = 0.05  # relative repeatability of a noise estimate, of some hundred thousand pixels that texture disturbs
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,7 @@ def least_seen(number: int) -> float:
     >>> round(least_seen(1) ** 0.5, 2), round(least_seen(19) ** 0.5, 2)
     (4.22, 6.48)
     """
-    share = np.linspace(0.01, 1.0, 100)
+    share = np.linspace(*_SHARES)
     needed = special.chndtrinc(special.chdtri(number, CHANCE) / share, number, _MISSED)
     return float((share * needed).max())
 
@@ -131,18 +134,18 @@ def _camera(found: Audit, limits: Limits) -> Iterator[Change]:
         return
     place = found.layout.parts["camera"].start
     own = limits.audit
-    mean = np.array([0.5, 0.5, 0.0, 0.0, 0.0])
+    unit_of = np.eye(len(CAMERA_QUANTITIES))
     rows = (
-        ("scale", 100 * mean, "%", own.scale_percent),
-        ("camera tilt toward x", np.eye(5)[2] * 180 / math.pi, "deg", own.tilt_deg),
-        ("camera tilt toward y", np.eye(5)[3] * 180 / math.pi, "deg", own.tilt_deg),
-        ("distortion at the picture's corner", np.eye(5)[4], "px", own.distortion_px),
+        ("scale", 100 * (unit_of[0] + unit_of[1]) / 2, "%", own.scale_percent),
+        ("camera tilt toward x", unit_of[2] * 180 / math.pi, "deg", own.tilt_deg),
+        ("camera tilt toward y", unit_of[3] * 180 / math.pi, "deg", own.tilt_deg),
+        ("distortion at the picture's corner", unit_of[4], "px", own.distortion_px),
     )
     for name, weights, unit, limit in rows:
         if name.startswith("camera tilt") and found.calibration.camera.telecentric:
             continue
         full = np.zeros(found.change.size)
-        full[place : place + 5] = weights
+        full[place : place + len(weights)] = weights
         yield Change(name, _combined(found, full, unit, name), limit, found.change.size)
 
 
@@ -176,7 +179,7 @@ def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str)
     gram = design.T @ design / len(design)
     rms = math.sqrt(max(float(terms @ gram @ terms), 0.0))
     u = math.sqrt(float(np.trace(gram @ covariance)))
-    if rms > 3 * u:
+    if rms > _SIGNIFICANT * u:
         slope = gram @ terms / rms
         u = math.sqrt(float(slope @ covariance @ slope))
     return Estimate(rms, u, unit, "rms")
@@ -241,7 +244,6 @@ def _light(found: Audit, limits: Limits) -> Iterator[Change]:
         yield Change("second harmonic", Estimate(now.harmonic - then.harmonic, u, "", "harmonic"), own.harmonic)
 
 
-_U_NOISE = 0.05  # relative repeatability of a noise estimate
 _LOOKS = {
     "blur": "blur of the grid's lines",
     "contrast": "contrast of the fringes",

@@ -16,8 +16,10 @@ Mask = NDArray[np.bool_]
 
 BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, waves longer than two blocks stay
 _LEAST_SHARE = 0.1  # of a block's pixels; a mean of fewer is noise
-PLATE_DEGREE, STRIPS_DEGREE = 3, 1
+PLATE_DEGREE = 3  # of the plate's change: what moves of camera, lamp and plate do to it over the picture
+STRIPS_DEGREE = 1  # of the strips': they cover too little of the picture to tell a bend from one of them that is off
 STRIPS_TERMS = 3  # of degree 1 over the picture
+_INNER = 3  # the corner's distortion is counted against the radius that is this part of its own
 _PIXELS = 200_000  # of a map that are fitted; noise of 0.02 rad leaves less than 1e-4
 CAMERA_QUANTITIES = ("horizontal scale", "vertical scale", "tilt toward x", "tilt toward y", "distortion")
 
@@ -176,7 +178,7 @@ def corner_displacement_px(camera: PlateCamera) -> float:
     def push(r2: float) -> float:
         return r2 * (k1 + r2 * (k2 + r2 * k3))
 
-    return camera.focal_px * radius * (push(radius**2) - push((radius / 3) ** 2))
+    return camera.focal_px * radius * (push(radius**2) - push((radius / _INNER) ** 2))
 
 
 def _log_contrast(state: RigState) -> float:

@@ -10,18 +10,20 @@ from scipy import ndimage
 from fringecal.camera import CAMERA_NAMES, CameraFit, fit_grid_camera
 from fringecal.detect import GridDetection, find_grid
 from fringecal.errors import SessionError
+from fringecal.numerics import wrap
 from fringecal.phase import unwrap
 from fringecal.projector import RigCalibration, RigState, StripPhase, measure_strips, numberings
 from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid, Strips
 from fringecal.uncertainty import Estimate, Influence
-from fringecal.workflows.audit.layout import Blocks, StripBlocks, block_means, strip_step
+from fringecal.workflows.audit.layout import PLATE_DEGREE, Blocks, StripBlocks, block_means, strip_step
 from fringecal.workflows.lens import known_lens
 from fringecal.workflows.shared import CapturePhase, phase_of_capture, within_border
 
 Array = NDArray[np.float64]
 
-_LEAST_PLATE = 0.05  # of the picture
+_LEAST_PLATE = 0.05  # of the picture: a smaller piece of plate tells nothing of the field
+_LEAST_BLOCKS = 6  # of strips: two for each of the three terms that are fitted to them
 _NOT_THE_PLATE_RAD = 0.5  # rms about a smooth change; strips or bars leave more
 
 
@@ -117,12 +119,12 @@ def plate_today(capture: Capture, calibration: RigCalibration) -> PlateToday:
     rays = calibration.camera.pixel_rays()
     predicted = calibration.model.phase(rays.ax, rays.ay, 0.0)
     valid = phase.map.valid & np.isfinite(predicted) & within_border(predicted.shape)
-    wrapped = np.where(valid, np.angle(np.exp(1j * (phase.map.phase - np.where(valid, predicted, 0.0)))), 0.0)
+    wrapped = np.where(valid, wrap(phase.map.phase - np.where(valid, predicted, 0.0)), 0.0)
     change = _largest_piece(wrapped, valid, capture.name)
     offset = float(np.nanmedian(change))
     change = change - offset
     blocks = block_means(np.nan_to_num(change), np.isfinite(change))
-    design = blocks.design(3)
+    design = blocks.design(PLATE_DEGREE)
     left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
     rms = float(np.sqrt(np.mean(left**2)))
     if rms > _NOT_THE_PLATE_RAD:
@@ -174,9 +176,9 @@ def strips_today(
     rays = calibration.camera.pixel_rays()
     predicted = calibration.model.phase(*rays.at(heights), heights) - calibration.model.phase(rays.ax, rays.ay, 0.0)
     inside &= np.isfinite(predicted)
-    change = np.where(inside, np.angle(np.exp(1j * (step - np.where(inside, predicted, 0.0)))), np.nan)
+    change = np.where(inside, wrap(step - np.where(inside, predicted, 0.0)), np.nan)
     blocks = block_means(np.nan_to_num(change), inside)
-    if blocks.value.size < 6:
+    if blocks.value.size < _LEAST_BLOCKS:
         raise SessionError([f"capture {capture.name!r}: too few pixels of strips to compare; light the strips"])
     tops = StripBlocks(blocks, block_means(heights, inside).value)
     height = target.height_mm
@@ -197,7 +199,7 @@ def _heights(found: StripPhase, step: Array, inside: NDArray[np.bool_], state: R
         heights = by_label[found.regions.labels]
         blocks = block_means(heights, inside)
         u, v = np.rint(blocks.u_px).astype(int), np.rint(blocks.v_px).astype(int)
-        rest = np.angle(np.exp(1j * (step[v, u] - strip_step(state, StripBlocks(blocks, heights[v, u])))))
+        rest = wrap(step[v, u] - strip_step(state, StripBlocks(blocks, heights[v, u])))
         rest = rest[inside[v, u]]
         score = float(np.mean(np.abs(rest))) if rest.size else np.inf
         if best is None or score < best[0]:

@@ -41,28 +41,34 @@ CAUSES: Mapping[str, tuple[tuple[str, ...], ...]] = {
     "strips not as high as stated": (("strip height",), *((name,) for name in _SETS)),
 }
 
-#: Usual size of each move when it happens: mm, rad, relative; sets how much room a cause has.
+#: Usual size of each move when it happens, as a standard deviation; sets how much room a cause has. A size that is too
+#: small punishes a cause that is right, one that is too large makes it lose against causes with less room.
 SIZES: Mapping[str, float] = {
+    # A mount that slips or is knocked: mm, rad.
     "camera height": 10.0,
     "camera along x": 10.0,
     "camera along y": 10.0,
     "camera tilt toward x": 0.005,
     "camera tilt toward y": 0.005,
     "camera roll": 0.005,
+    **dict.fromkeys((*_LAMP, *_AIMED), 10.0),
+    **dict.fromkeys(_TURNED, 0.005),
+    # A lens that is focused anew: relative, k1, variance of the blur in px^2 and mm^2.
     "focal length": 0.01,
     "lens distortion": 0.02,
     "lens blur": 1.0,
-    **dict.fromkeys((*_LAMP, *_AIMED), 10.0),
-    **dict.fromkeys(_TURNED, 0.005),
+    "fringe blur": 1.0,
+    # Another slide, or one put in again: relative, rad.
     "slide pitch": 0.01,
     "slide turn": 0.005,
-    "fringe blur": 1.0,
+    # A plate on other feet: rad, mm.
     **dict.fromkeys(_PLATE, 0.005),
     "plate height": 2.0,
+    # Other strips than stated: relative.
     **dict.fromkeys(("strip height", *_SETS), 0.05),
 }
-_ROUNDS = 4
-_STEP = 1e-3  # of a move's usual size
+_ROUNDS = 4  # Gauss-Newton steps: moves act nearly linearly
+_STEP = 1e-3  # of a move's usual size, over which derivatives are taken
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 _COMPARED = ("grid", "reference", "strips", "artefact")
-CHANCE = 0.01  # of calling a rig changed that is not
+CHANCE = 0.01  # of calling a rig changed that is not: with monthly audits, once in eight years
 
 
 @dataclass(frozen=True)

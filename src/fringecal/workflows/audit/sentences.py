@@ -6,7 +6,7 @@ from fringecal.workflows.audit.ranked_causes import CauseFit
 from fringecal.workflows.audit.run import Audit
 
 _CLOSE = 3.0  # difference of log evidence: below it, odds under 20 to 1, the runner-up is named as well
-_UNEXPLAINED = 1e-4
+_UNEXPLAINED = 1e-4  # chance of the misfit that a cause leaves, below which more than one thing may have moved
 _FIRST_ORDER = 0.01  # of chi-squared, a tenth of the change: signatures hold no closer
 _TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
 _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties

@@ -13,6 +13,7 @@ from fringecal.records import (
     VerificationRecord,
     missing_in,
 )
+from fringecal.uncertainty import COVERAGE
 from fringecal.workflows.certificate.results import conformity_of, errors_of, groups_of
 from fringecal.workflows.shared import severest
 
@@ -103,7 +104,7 @@ def _temperature(record: CalibrationRecord, lab: Laboratory) -> tuple[float, flo
 
 # ---- how, against what, and what the reader must know ---------------------------------------------
 def _methods(record: CalibrationRecord, verification: VerificationRecord | None) -> tuple[Method, ...]:
-    level = 0.95 if record.limits is None else record.limits.level
+    level = COVERAGE if record.limits is None else record.limits.level
     older = any(one is not None and one.en_definition is None for one in (record, verification))
     return (
         Method(

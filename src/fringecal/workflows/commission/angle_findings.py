@@ -25,12 +25,11 @@ from fringecal.session import Session
 from fringecal.uncertainty import Budget, Estimate
 from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.camera import CameraFindings
-from fringecal.workflows.shared import displaced, projector_of
+from fringecal.workflows.shared import RIM, displaced, projector_of
 
 Estimator = Literal["phase", "ridge", "skeleton"]
 
-
-_MAP = (9, 7)
+_MAP = (9, 7)  # places along u and v at which the angle is tabulated: it is smooth over the field
 
 
 @dataclass(frozen=True)
@@ -145,7 +144,7 @@ def angle_map(calibration: RigCalibration, shape: tuple[int, int] = _MAP) -> pd.
     """Tabulate the projection angle over the field: x, y in mm, angle, its u, apparent angle in deg."""
     camera = calibration.camera
     u, v = (
-        np.linspace(0.05, 0.95, n) * (size - 1)
+        np.linspace(RIM, 1 - RIM, n) * (size - 1)
         for n, size in zip(shape, (camera.width_px, camera.height_px), strict=True)
     )
     rays = camera.rays(*np.meshgrid(u, v))

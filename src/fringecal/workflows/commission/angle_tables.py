@@ -7,14 +7,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.calibration import Calibrated
-from fringecal.projector import OFF, AxisAngle, RigCalibration
+from fringecal.projector import HEIGHTS_MM, OFF, AxisAngle, RigCalibration
 from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
 from fringecal.uncertainty import EXPANDED_BY, Influence
 from fringecal.workflows.commission.angle_findings import AngleFindings
-from fringecal.workflows.shared import budget_table, field_mm
+from fringecal.workflows.shared import RIM, budget_table, field_mm
 
 Array = NDArray[np.float64]
 
+_FIELD_MM = 100.0  # of a field's shorter side, from which on the heights that advice is given for suit it
 CONVENTION = "angles from the plate's normal, in the plane across the local fringe"
 _FORMATS = {
     "u / px": ".0f",
@@ -157,7 +158,7 @@ def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
         Standard deviation of the phase of one pixel.
     """
     camera = calibration.camera
-    places = {"centre": camera.centre_px, "corner": (0.05 * camera.width_px, 0.05 * camera.height_px)}
+    places = {"centre": camera.centre_px, "corner": (RIM * camera.width_px, RIM * camera.height_px)}
     rows = []
     for height in _heights(calibration):
         for place, (u, v) in places.items():
@@ -170,10 +171,10 @@ def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
 
 
 def _heights(calibration: RigCalibration) -> tuple[float, ...]:
-    """Heights of 5, 20 and 50 mm, smaller by tens until they suit the field."""
+    """Heights that advice is given for, smaller by tens until they suit the field."""
     x_min, x_max, y_min, y_max = field_mm(calibration)
-    decade = min(0, math.floor(math.log10(min(x_max - x_min, y_max - y_min) / 100)))
-    return tuple(height * 10.0**decade for height in (5, 20, 50))
+    decade = min(0, math.floor(math.log10(min(x_max - x_min, y_max - y_min) / _FIELD_MM)))
+    return tuple(height * 10.0**decade for height in HEIGHTS_MM)
 
 
 def _height_budget(

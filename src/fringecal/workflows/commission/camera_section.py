@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from scipy import special
 
 from fringecal.calibration import CameraFindings
-from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
+from fringecal.camera import CAMERA_NAMES, SIGNIFICANCE, CameraFit, PlateCamera
 from fringecal.report import FigureItem, Section, Table, residual_quiver
 from fringecal.session import Capture
 from fringecal.workflows.grid import GridPicture, distortion_section, lines_section, scale_section
-from fringecal.workflows.shared import estimates_table
+from fringecal.workflows.shared import RIM, estimates_table
 
 Array = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def shape_table(fit: CameraFit) -> Table:
         value, u = float(fit.camera.parameters[place]), math.sqrt(fit.camera.covariance[place, place])
         if u > 0:
             p = float(2 * special.ndtr(-abs(value - null) / u))
-            found = "significant" if p < 0.05 else "not significant"
+            found = "significant" if p < SIGNIFICANCE else "not significant"
             rows.append({"quantity": label, "value": value, "u": u, "without it": null, "p": p, "at 5 %": found})
     names = ["quantity", "value", "u", "without it", "p", "at 5 %"]
     formats = {"value": ".6g", "without it": ".0f", "p": ".2g"}
@@ -82,8 +82,8 @@ def shape_table(fit: CameraFit) -> Table:
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
     """Tabulate the scale at nine places of the picture and what the mean factor errs by there."""
     rows = []
-    for v_name, v_share in (("top", 0.05), ("middle", 0.5), ("bottom", 0.95)):
-        for u_name, u_share in (("left", 0.05), ("centre", 0.5), ("right", 0.95)):
+    for v_name, v_share in (("top", RIM), ("middle", 0.5), ("bottom", 1 - RIM)):
+        for u_name, u_share in (("left", RIM), ("centre", 0.5), ("right", 1 - RIM)):
             u, v = u_share * (camera.width_px - 1), v_share * (camera.height_px - 1)
             along_u, along_v = local_scale(camera, u, v)
             rows.append(

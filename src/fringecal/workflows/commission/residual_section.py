@@ -12,7 +12,7 @@ from fringecal.workflows.shared import BORDER_PX, within_border
 
 Array = NDArray[np.float64]
 
-_CELLS = 240  # of a residual map along its longer side
+_CELLS = 240  # of a residual map along its longer side: as many as a page shows apart
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ Quantity = Callable[[RigCalibration], float]
 
 # Kinds of artefact whose error is the same in both calibrations where both used one and the same.
 _SHARED = {Influence.GRID_PITCH: ("line-grid",), Influence.STRIP_HEIGHT: ("strips",)}
+_WIDTH_OVER_HEIGHT = 10  # of the field and of an object that fits any rig, yet is higher than strips
 # Fractions of the picture's width and height at which heights are compared.
 _PLACES = {
     "centre": (0.5, 0.5),
@@ -118,7 +119,7 @@ def _projector(before: RigCalibration, after: RigCalibration) -> Iterator[tuple[
 def _round_height(calibration: RigCalibration) -> float:
     """Give the power of ten that is at most a tenth of the field's width, mm."""
     width = calibration.camera.width_px * local_scale(calibration.camera, "mean")
-    return 10.0 ** math.floor(math.log10(width / 10))
+    return 10.0 ** math.floor(math.log10(width / _WIDTH_OVER_HEIGHT))
 
 
 def _height_there(before: RigCalibration, pixel: tuple[float, float], height_mm: float) -> Quantity:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from fringecal.camera import DistortionTest, ThesisScale, check_points, cost_of_neglect_px, family_rms_px
+from fringecal.camera import SIGNIFICANCE, DistortionTest, ThesisScale, check_points, cost_of_neglect_px, family_rms_px
 from fringecal.detect import FAMILIES, GridDetection, line_section
 from fringecal.report import (
     DOUBT,
@@ -21,7 +21,8 @@ from fringecal.report import (
 from fringecal.uncertainty import Estimate, doubt_text, value_text
 from fringecal.workflows.shared import concise, estimates_table
 
-#: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone.
+#: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone: a sheet that is not
+#: flat, or a lens with more terms. Up to it, lines that run nearly along the pixels may be the reason.
 MISFIT = 3.0
 
 
@@ -104,7 +105,7 @@ def anisotropy_sentence(scale: ThesisScale) -> str:
     """Say whether the factors of both directions differ beyond their scatter."""
     ratio = scale.anisotropy
     p = scale.anisotropy_p
-    beyond = "differ beyond their scatter" if p < 0.05 else "do not differ beyond their scatter"
+    beyond = "differ beyond their scatter" if p < SIGNIFICANCE else "do not differ beyond their scatter"
     return (
         f"The two directions {beyond} (vertical over horizontal {concise(ratio)}, p = {p:.2g}); tilt does this as well "
         "as pixels that are not square. The camera fitted on the plate tells them apart."

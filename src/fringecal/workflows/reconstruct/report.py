@@ -35,7 +35,7 @@ from fringecal.workflows.shared import (
 )
 
 _SECTIONS = (0.25, 0.5, 0.75)  # of the rows that hold heights
-_PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
+_PERCENTILES = (0, 5, 25, 50, 75, 95, 100)  # of the heights, as a box plot with its ends has them
 
 
 def measurement_report(found: Measurement, *, command: str = "", created: datetime | None = None) -> Report:

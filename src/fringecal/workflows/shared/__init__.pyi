@@ -43,6 +43,9 @@ from .examination import (
 from .examination import (
     plate_beside as plate_beside,
 )
+from .field_places import (
+    RIM as RIM,
+)
 from .judgement import (
     judged as judged,
 )

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from fringecal.errors import FringecalError
 from fringecal.records import Check, Comparison, Decision, RigResult
-from fringecal.uncertainty import wilson_interval
+from fringecal.uncertainty import COVERAGE, wilson_interval
 
 Array = NDArray[np.float64]
 
-WANTED = (0.93, 0.97)  # of 95 % intervals
-FEWEST = 2
+WANTED = (0.93, 0.97)  # share of 95 % intervals that may hold the truth: 500 rigs know it to 1 % (standard deviation)
+FEWEST = 2  # rigs: one has no spread
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class StudySummary:
                 name=f"coverage of {q.name}",
                 value=100 * q.coverage,
                 unit="%",
-                limit=100 * WANTED[0 if q.coverage < 0.95 else 1],
+                limit=100 * WANTED[0 if q.coverage < COVERAGE else 1],
                 decision=q.decision,
                 rule=rule,
             )

@@ -12,6 +12,78 @@ from fringecal.targets import Target
 PICTURE_PX = (320, 240)  # small, so that a rig takes seconds
 STEP_ERROR_DEG = 1.5  # standard deviation: a mirror turned by hand
 
+type Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Population:
+    """From what a study draws its rigs, evenly between two ends (`docs/coverage.md`): what benches with a slide have.
+
+    Parameters
+    ----------
+    scale_mm_per_px, camera_height_mm, tilt_deg, camera_k1, defocus_px
+        The camera, its tilt over each axis.
+    principal_share
+        Standard deviation of the principal point's place, of the picture's diagonal: what is taken for it where no lens
+        is stated.
+    vignetting
+        Loss of light at the picture's corner, the same for all.
+    projector_height_mm, angle_deg, azimuth_deg, aim_mm, across_deg, pitch_mm, contrast, gamma, projector_k1, blur_mm
+        The projector: place, by angle from the normal and by azimuth off the rows' normal; what it aims at; direction
+        of its fringes off the azimuth; their pitch and shape on the plate.
+    mid_grey, ambient, room_grey, room_gradient, flicker
+        Light, of full scale, and over the field.
+    read_levels, gain
+        Noise in grey levels, and its growth with the light.
+    texture
+        Of the paint, relative: smooth and in speckles, the same for all.
+    camera_height_u_mm, projector_u_mm, grid_pitch_u_mm, strip_height_u_mm
+        What is stated with an error of that standard uncertainty.
+    strip_height_mm
+        Stated height of the strips.
+    place_mm, rotation_deg
+        How grid and strips lie off the middle.
+    """
+
+    scale_mm_per_px: Range = (0.85, 1.1)
+    camera_height_mm: Range = (1000.0, 1800.0)
+    tilt_deg: Range = (-1.2, 1.2)
+    camera_k1: Range = (-0.15, 0.1)
+    defocus_px: Range = (0.3, 0.6)
+    principal_share: float = 0.01
+    vignetting: float = 0.05
+    projector_height_mm: Range = (850.0, 1300.0)
+    angle_deg: Range = (40.0, 52.0)
+    azimuth_deg: Range = (-8.0, 8.0)
+    aim_mm: Range = (-15.0, 15.0)
+    across_deg: Range = (-3.0, 3.0)
+    pitch_mm: Range = (7.5, 10.0)
+    contrast: Range = (0.7, 0.95)
+    gamma: Range = (0.95, 1.1)
+    projector_k1: Range = (-0.05, 0.05)
+    blur_mm: Range = (0.2, 0.6)
+    mid_grey: Range = (0.35, 0.48)
+    ambient: Range = (0.05, 0.25)
+    room_grey: Range = (0.6, 0.8)
+    room_gradient: Range = (-0.06, 0.06)
+    flicker: Range = (0.0, 0.004)
+    read_levels: Range = (0.5, 1.5)
+    gain: Range = (0.0, 0.01)
+    texture: float = 0.01
+    camera_height_u_mm: Range = (2.0, 8.0)
+    projector_u_mm: float = 3.0
+    grid_pitch_u_mm: Range = (0.002, 0.006)
+    strip_height_u_mm: Range = (0.003, 0.01)
+    strip_height_mm: Range = (2.5, 4.0)
+    place_mm: Range = (-3.0, 3.0)
+    rotation_deg: Range = (-0.6, 0.6)
+
+
+POPULATION = Population()
+
+_LEAST_STRIPS = 8  # a row of fewer does not span the field
+_LIT_SHARE = 0.8  # of the picture's width that the row of strips covers
+_STRIP_MM = 10.0  # width of a strip, and of the gap to the next
 _CERTIFICATE = "virtual: the true size is off by a normal error of the stated u"
 _STEPS_DEG = ((0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0))
 
@@ -76,7 +148,7 @@ def draw_rig(number: int, *, seed: int = 0, spec: RigSpec | None = None) -> Draw
 
 
 def _random_spec(rng: Draw, number: int) -> RigSpec:
-    scale = rng.uniform(0.85, 1.1)
+    of, scale = POPULATION, rng.uniform(*POPULATION.scale_mm_per_px)
     steps_deg = _STEPS_DEG[int(rng.integers(len(_STEPS_DEG)))]
     return RigSpec.model_validate(
         {
@@ -85,68 +157,78 @@ def _random_spec(rng: Draw, number: int) -> RigSpec:
             "projector": _projector(rng),
             "steps": {"nominal_deg": steps_deg},
             "light": {
-                "mid_grey": rng.uniform(0.35, 0.48),
-                "ambient": rng.uniform(0.05, 0.25),
-                "room_grey": rng.uniform(0.6, 0.8),
-                "room_gradient": rng.uniform(-0.06, 0.06, 2).tolist(),
-                "flicker": rng.uniform(0.0, 0.004),
+                "mid_grey": rng.uniform(*of.mid_grey),
+                "ambient": rng.uniform(*of.ambient),
+                "room_grey": rng.uniform(*of.room_grey),
+                "room_gradient": rng.uniform(*of.room_gradient, 2).tolist(),
+                "flicker": rng.uniform(*of.flicker),
             },
-            "noise": {"read_levels": rng.uniform(0.5, 1.5), "gain": rng.uniform(0.0, 0.01)},
-            "surface": {"seed": int(rng.integers(2**31)), "smooth": 0.01, "speckle": 0.01, "speckle_mm": scale},
-            "stated": {"camera_height_u_mm": rng.uniform(2.0, 8.0), "projector_position_u_mm": 3.0},
+            "noise": {"read_levels": rng.uniform(*of.read_levels), "gain": rng.uniform(*of.gain)},
+            "surface": {
+                "seed": int(rng.integers(2**31)),
+                "smooth": of.texture,
+                "speckle": of.texture,
+                "speckle_mm": scale,
+            },
+            "stated": {
+                "camera_height_u_mm": rng.uniform(*of.camera_height_u_mm),
+                "projector_position_u_mm": of.projector_u_mm,
+            },
             "capture": _captures(rng, scale),
         }
     )
 
 
 def _camera(rng: Draw, scale: float) -> dict[str, Any]:
-    width, height = PICTURE_PX
+    (width, height), of = PICTURE_PX, POPULATION
     return {
         "width_px": width,
         "height_px": height,
         "scale_mm_per_px": scale,
-        "height_mm": rng.uniform(1000.0, 1800.0),
-        "tilt_deg": rng.uniform(-1.2, 1.2, 2).tolist(),
-        "principal_offset_px": rng.normal(0.0, 0.01 * math.hypot(width, height), 2).tolist(),
-        "distortion": [rng.uniform(-0.15, 0.1), 0.0, 0.0, 0.0, 0.0],
-        "vignetting": 0.05,
-        "defocus_px": rng.uniform(0.3, 0.6),
+        "height_mm": rng.uniform(*of.camera_height_mm),
+        "tilt_deg": rng.uniform(*of.tilt_deg, 2).tolist(),
+        "principal_offset_px": rng.normal(0.0, of.principal_share * math.hypot(width, height), 2).tolist(),
+        "distortion": [rng.uniform(*of.camera_k1), 0.0, 0.0, 0.0, 0.0],
+        "vignetting": of.vignetting,
+        "defocus_px": rng.uniform(*of.defocus_px),
     }
 
 
 def _projector(rng: Draw) -> dict[str, Any]:
     """Place the lamp above or below the picture, its fringes about along the rows."""
-    height_mm, angle = rng.uniform(850.0, 1300.0), math.radians(rng.uniform(40.0, 52.0))
-    azimuth_deg = rng.choice([-90.0, 90.0]) + rng.uniform(-8.0, 8.0)
+    of = POPULATION
+    height_mm, angle = rng.uniform(*of.projector_height_mm), math.radians(rng.uniform(*of.angle_deg))
+    azimuth_deg = rng.choice([-90.0, 90.0]) + rng.uniform(*of.azimuth_deg)
     out, azimuth = height_mm * math.tan(angle), math.radians(azimuth_deg)
     return {
         "position_mm": [out * math.cos(azimuth), out * math.sin(azimuth), height_mm],
-        "aim_mm": rng.uniform(-15.0, 15.0, 2).tolist(),
-        "across_deg": azimuth_deg + rng.uniform(-3.0, 3.0),
-        "pitch_mm": rng.uniform(7.5, 10.0),
+        "aim_mm": rng.uniform(*of.aim_mm, 2).tolist(),
+        "across_deg": azimuth_deg + rng.uniform(*of.across_deg),
+        "pitch_mm": rng.uniform(*of.pitch_mm),
         "phase_at_origin_rad": rng.uniform(-math.pi, math.pi),
-        "contrast": rng.uniform(0.7, 0.95),
-        "gamma": rng.uniform(0.95, 1.1),
-        "distortion": [rng.uniform(-0.05, 0.05), 0.0],
-        "defocus_mm": rng.uniform(0.2, 0.6),
+        "contrast": rng.uniform(*of.contrast),
+        "gamma": rng.uniform(*of.gamma),
+        "distortion": [rng.uniform(*of.projector_k1), 0.0],
+        "defocus_mm": rng.uniform(*of.blur_mm),
     }
 
 
 def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
+    of = POPULATION
     grid = {
         "kind": "line-grid",
         "name": "grid",
         "polarity": "dark",
-        "pitch_mm": {"value": 10.0, "u": rng.uniform(0.002, 0.006)},
+        "pitch_mm": {"value": 10.0, "u": rng.uniform(*of.grid_pitch_u_mm)},
         "line_width_mm": {"value": 0.9, "u": 0.05},
     }
     strips = {
         "kind": "strips",
         "name": "strips",
-        "count": max(8, int(0.8 * PICTURE_PX[0] * scale / 20.0)),
-        "width_mm": {"value": 10.0, "u": 0.05},
-        "gap_mm": {"value": 10.0, "u": 0.05},
-        "height_mm": {"value": round(rng.uniform(2.5, 4.0), 2), "u": rng.uniform(0.003, 0.01)},
+        "count": max(_LEAST_STRIPS, int(_LIT_SHARE * PICTURE_PX[0] * scale / (2 * _STRIP_MM))),
+        "width_mm": {"value": _STRIP_MM, "u": 0.05},
+        "gap_mm": {"value": _STRIP_MM, "u": 0.05},
+        "height_mm": {"value": round(rng.uniform(*of.strip_height_mm), 2), "u": rng.uniform(*of.strip_height_u_mm)},
         "length_mm": {"value": 400.0, "u": 0.5},
     }
     common = {"format": 1, "certificate": _CERTIFICATE}
@@ -158,7 +240,8 @@ def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
 
 
 def _place(rng: Draw) -> dict[str, Any]:
-    return {"position_mm": rng.uniform(-3.0, 3.0, 2).tolist(), "rotation_deg": rng.uniform(-0.6, 0.6)}
+    of = POPULATION
+    return {"position_mm": rng.uniform(*of.place_mm, 2).tolist(), "rotation_deg": rng.uniform(*of.rotation_deg)}
 
 
 def _true_target(rng: Draw, stated: Target) -> Target:

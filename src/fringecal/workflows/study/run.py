@@ -23,18 +23,18 @@ from fringecal.session import temporary_session
 from fringecal.simulate import RigSpec, SimulatedSession, build_camera, build_projector, phase_at, ray, truth_of
 from fringecal.uncertainty import Estimate
 from fringecal.workflows.commission import calibrate_session
+from fringecal.workflows.shared import RIM
 from fringecal.workflows.study.drawn_rigs import DrawnRig, draw_rig
 
-HEIGHTS_MM = (5.0, 15.0, 30.0)
-INSET = 0.05  # of the picture's sides: a corner's check point lies this far inside
+HEIGHTS_MM = (5.0, 15.0, 30.0)  # of check points: just above the strips', and up to ten times it
 
 #: Where heights are checked, as shares of the picture's width and height.
 PLACES = {
     "centre": (0.5, 0.5),
-    "top left": (INSET, INSET),
-    "top right": (1 - INSET, INSET),
-    "bottom left": (INSET, 1 - INSET),
-    "bottom right": (1 - INSET, 1 - INSET),
+    "top left": (RIM, RIM),
+    "top right": (1 - RIM, RIM),
+    "bottom left": (RIM, 1 - RIM),
+    "bottom right": (1 - RIM, 1 - RIM),
 }
 
 type Progress = Callable[[str], None]

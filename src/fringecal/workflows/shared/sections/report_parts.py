@@ -21,6 +21,7 @@ from fringecal.session import Capture
 from fringecal.uncertainty import EXPANDED_BY, Budget, Estimate
 from fringecal.workflows.shared.capture_phase import CapturePhase
 
+_ON_LIMIT = 0.005  # relative, within which a value of three digits rounds onto its limit
 _SEVEREST_FIRST: tuple[Decision, ...] = ("fail", "conditionalFail", "conditionalPass", "pass", "info")
 
 
@@ -72,7 +73,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
     # A value that would round onto its limit gets the digits that show on which side it lies.
-    near = any(c.value is not None and c.limit and 0 < abs(abs(c.value) / c.limit - 1) < 0.005 for c in checks)
+    near = any(c.value is not None and c.limit and 0 < abs(abs(c.value) / c.limit - 1) < _ON_LIMIT for c in checks)
     formats = {"value": ".6g" if near else ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
     return Table("What was checked", frame.set_axis(names, axis="columns"), EXPANDED_BY, formats, {"value": "u"})

@@ -5,6 +5,9 @@ import numpy as np
 from fringecal.reconstruct import HeightMap, Reason
 from fringecal.report import FigureItem, Layer, Live, ReadableMap, height_map, readable_plate, surface_view
 
+_RELIEF = 6  # of a surface's longer side: so small a part of it is relief enough
+_FACTORS = (1, 2, 5, 10, 20, 50, 100)
+
 
 def stretch_of(surface: HeightMap) -> float:
     """Choose by how much a view stretches heights, so that a flat object keeps a visible relief.
@@ -12,8 +15,8 @@ def stretch_of(surface: HeightMap) -> float:
     A sixth of the longer side is relief enough; factors are 1, 2, 5, 10 and so on.
     """
     sides = [float(np.nanmax(part) - np.nanmin(part)) for part in (surface.x, surface.y)]
-    wanted = max(sides) / 6 / max(float(np.nanmax(surface.z) - np.nanmin(surface.z)), 1e-9)
-    return float(max([f for f in (1, 2, 5, 10, 20, 50, 100) if f <= wanted], default=1))
+    wanted = max(sides) / _RELIEF / max(float(np.nanmax(surface.z) - np.nanmin(surface.z)), 1e-9)
+    return float(max([f for f in _FACTORS if f <= wanted], default=1))
 
 
 def readable_surface(surface: HeightMap, *further: Layer) -> ReadableMap:
