@@ -7,12 +7,6 @@ from .calibration_value import (
 from .known_values import (
     known as known,
 )
-from .verdicts import (
-    AuditResult as AuditResult,
-)
-from .verdicts import (
-    VerificationResult as VerificationResult,
-)
 from .surface_value import (
     Surface as Surface,
 )
@@ -24,4 +18,10 @@ from .using import (
 )
 from .using import (
     verify as verify,
+)
+from .verdicts import (
+    AuditResult as AuditResult,
+)
+from .verdicts import (
+    VerificationResult as VerificationResult,
 )

@@ -29,8 +29,8 @@ from fringecal.workflows.shared import calibration_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from fringecal.library.verdicts import AuditResult, VerificationResult
     from fringecal.library.surface_value import Surface
+    from fringecal.library.verdicts import AuditResult, VerificationResult
 
 #: Estimates of a record that have a budget in it.
 BUDGETS = ("scale.mean", "projection.angle")

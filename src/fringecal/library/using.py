@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 from fringecal.errors import SessionError
 from fringecal.library.calibration_value import Calibration
 from fringecal.library.known_values import target_of
-from fringecal.library.verdicts import AuditResult, VerificationResult
 from fringecal.library.surface_value import Surface
+from fringecal.library.verdicts import AuditResult, VerificationResult
 from fringecal.session import Capture, Session, capture_of_arrays, load_session, session_of_captures
 from fringecal.targets import Target
 from fringecal.workflows.audit import audit as audit_session
