@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
+from fringecal.numerics import UNIFORM_SD
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, bar_number, zigzag_height
 
 TOLERANCE = 0.15  # of full height: a pixel further off is an outlier. A rig read with one constant
@@ -103,7 +104,7 @@ def place_footprint(
     seen = _check_bars(by_bar[:, place], bar, shape.count)
     _check_length(padded[bar : bar + shape.count], place, window, shape)
     along_mm = ballot.along_start + (place - window + window / 2) * ballot.bin_mm
-    u_along = math.hypot(half_width / math.sqrt(3), 1 / math.sqrt(12)) * ballot.bin_mm
+    u_along = math.hypot(half_width / math.sqrt(3), UNIFORM_SD) * ballot.bin_mm
     return Placement(ballot.first_bar - shape.count + bar, along_mm, u_along, seen)
 
 
