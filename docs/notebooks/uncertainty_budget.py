@@ -1,0 +1,58 @@
+# %% [markdown]
+# # Looking into an uncertainty budget
+#
+# Where the uncertainty of angle, scale and heights comes from, and what would bring it down. Run it from the root of
+# the source tree.
+
+# %%
+import numpy as np
+
+import fringecal
+from fringecal.simulate import load_rig, simulate_session
+
+taken = simulate_session(load_rig("docs/tutorial-rig.toml"), ["grid", "plate", "strips"], seed=1)
+frames = {name: capture.frames for name, capture in taken.captures.items()}
+calibration = fringecal.calibrate(
+    grid=frames["grid"][0],
+    plate=frames["plate"],
+    strips=frames["strips"],
+    phase_shifts_deg=(0, 120, 240),
+    camera_height_mm=fringecal.known(1500.0, u=5.0),
+)
+
+# %% [markdown]
+# ## The projection angle
+# Contribution of each influence to u, and its share of the variance.
+
+# %%
+print(calibration.budget("projection.angle"))
+figure = calibration.plot("projection.angle")
+
+# %% [markdown]
+# ## A budget of one's own
+# Any quantity that can be computed from the calibrated rig has one: the change of the quantity by one standard
+# uncertainty of every component. Here: the height read at the picture's centre from a phase difference of one fringe.
+
+# %%
+rig = calibration.rig
+centre = rig.camera.centre_px
+phase = float(rig.model.phase(*rig.camera.rays(*centre).at(0.0), 0.0)) - 2 * np.pi
+
+
+def height_of_one_fringe(shifted):
+    """Height at the centre whose phase is one fringe from the plate's, mm."""
+    return float(shifted.model.height(phase, shifted.camera.rays(*centre)))
+
+
+estimate, budget = rig.estimate(height_of_one_fringe, unit="mm", label="one fringe")
+print(estimate)
+for influence, contribution in sorted(budget.items(), key=lambda item: -abs(item[1]))[:3]:
+    print(influence, f"{abs(contribution):.4f} mm")
+
+# %% [markdown]
+# ## What to measure next
+# Forecasts of u at several heights, and what one more artefact would buy.
+
+# %%
+for sentence in calibration.found.advice.sentences:
+    print(sentence)
