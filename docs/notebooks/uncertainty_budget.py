@@ -44,10 +44,9 @@ def height_of_one_fringe(shifted):
     return float(shifted.model.height(phase, shifted.camera.rays(*centre)))
 
 
-estimate, budget = rig.estimate(height_of_one_fringe, unit="mm", label="one fringe")
-print(estimate)
-for influence, contribution in sorted(budget.items(), key=lambda item: -abs(item[1]))[:3]:
-    print(influence, f"{abs(contribution):.4f} mm")
+budget = rig.budget(height_of_one_fringe, unit="mm", label="height of one fringe")
+print(budget.result)
+print(budget.table())
 
 # %% [markdown]
 # ## What to measure next

@@ -45,10 +45,10 @@ def grid_of_crossings(
     >>> len(grid.family("horizontal")), len(grid.family("vertical"))
     (4, 5)
     """
-    index = np.stack([np.asarray(row, float), np.asarray(column, float)])
-    points = np.stack([np.asarray(u_px, float), np.asarray(v_px, float)])
-    if index.ndim != 2 or index.shape != points.shape:
+    columns = [np.asarray(values, float) for values in (row, column, u_px, v_px)]
+    if {values.shape for values in columns} != {(columns[0].size,)}:
         raise DetectionError("one row, column, u and v for each crossing are needed, as lists of one length")
+    index, points = np.stack(columns[:2]), np.stack(columns[2:])
     if not (np.all(index == np.rint(index)) and np.all(np.isfinite(points))):
         raise DetectionError("rows and columns are whole numbers, positions finite; leave out crossings without one")
     sites = (index - index.min(axis=1, keepdims=True)).astype(np.int64)
