@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[1]
 PAGES = ROOT / "build" / "pages"
 PATTERNS = (
     *("README.md", "CHANGELOG.md", "LICENSE"),
-    *("docs/**/*.md", "docs/*.toml", "docs/images/*", "procedures/**/*", "targets/*"),
+    *("docs/**/*.md", "docs/*.toml", "docs/notebooks/*.py", "docs/images/*", "procedures/**/*", "targets/*"),
 )
 
 COMMANDS = """# Commands
