@@ -20,6 +20,7 @@ import numpy as np
 from scipy import stats
 
 from fringecal.errors import FringecalError
+from fringecal.projector.move_kinds import Move
 from fringecal.projector.moves import moved
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.records.calibration_record import CalibrationRecord
@@ -171,7 +172,9 @@ def stated(found: Audit, calibration: RigCalibration, amounts: Mapping[str, floa
     Its own signatures against its own covariance; nothing at all is seen with the chance of a false alarm.
     """
     base, size = base_state(calibration), found.change.size
-    signature = found.layout.predict(moved(base, amounts)) - found.layout.predict(base)
+    signature = found.layout.predict(
+        moved(base, {Move(name): amount for name, amount in amounts.items()})
+    ) - found.layout.predict(base)
     square = float(signature @ np.linalg.solve(found.covariance, signature))
     if not square:
         return CHANCE, math.inf
@@ -202,7 +205,7 @@ def audited(event: str, rig: Rig, part: float = 1.0) -> dict[str, Any]:
         except FringecalError as error:
             return row | {"detected": 1, "error": str(error)}
     power, limit = stated(found, rig.in_force[0], amounts)
-    causes = [fit.cause for fit in found.causes] + ["", ""]
+    causes = [fit.cause.value for fit in found.causes] + ["", ""]
     return row | {
         "detected": int(found.changed),
         "power": round(power, 4),

@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.projector.move_kinds import Move
 from fringecal.projector.moves import MOVES, RigState, moved
 from fringecal.projector.rig_model import RigModel
 from fringecal.simulate import load_rig
 from fringecal.simulate.rig.drawn_projector import build_projector, phase_at, phase_gradient, rational_form
 
+AIMED = (Move.AIMED_PROJECTOR_ALONG_X, Move.AIMED_PROJECTOR_ALONG_Y, Move.AIMED_PROJECTOR_ALONG_Z)
+PLACED = (Move.PROJECTOR_ALONG_X, Move.PROJECTOR_ALONG_Y, Move.PROJECTOR_ALONG_Z)
 TILT = (1.2, -0.8)  # deg; a camera that leans, so that a wrong frame shows
 
 
@@ -53,17 +56,17 @@ def test_camera_lowered(rig):
     spec = rig.camera
     height = spec.height_mm - 5
     lower = rig.at(camera={"height_mm": height, "scale_mm_per_px": spec.scale_mm_per_px * height / spec.height_mm})
-    after = moved(state_of(rig), {"camera height": -5.0})
+    after = moved(state_of(rig), {Move.CAMERA_HEIGHT: -5.0})
     # The virtual camera's axis keeps the origin, the moved one's does not: it looks 5 tan(1.4 deg) = 0.12 mm beside.
     origin = 5 * np.array([math.tan(math.radians(t)) for t in TILT])
-    back = moved(after, {"camera along x": -origin[0], "camera along y": -origin[1]})
+    back = moved(after, {Move.CAMERA_ALONG_X: -origin[0], Move.CAMERA_ALONG_Y: -origin[1]})
     demand_same(back, lower)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_lamp_moved_and_aimed_again(rig, axis):
     position = np.array(rig.projector.position_mm) + 5.0 * np.eye(3)[axis]
-    after = moved(state_of(rig), {f"aimed lamp along {'xyz'[axis]}": 5.0})
+    after = moved(state_of(rig), {AIMED[axis]: 5.0})
     demand_same(after, rig.at(projector={"position_mm": tuple(position.tolist())}))
 
 
@@ -71,20 +74,20 @@ def test_lamp_moved_and_aimed_again(rig, axis):
 def test_lamp_moved_as_it_is(rig, axis):
     """The phase of a point is that of the point as far back: the virtual projector is asked directly."""
     step = 5.0 * np.eye(3)[axis]
-    after, projector = moved(state_of(rig), {f"lamp along {'xyz'[axis]}": 5.0}), build_projector(rig.projector)
+    after, projector = moved(state_of(rig), {PLACED[axis]: 5.0}), build_projector(rig.projector)
     for point in ([0.0, 0.0, 0.0], [100.0, -150.0, 3.0], [-180.0, 140.0, 20.0]):
         expected = phase_at(projector, *(np.array(point) - step))
         assert float(after.model.phase(*point)) == pytest.approx(expected, abs=2e-6)
 
 
 def test_slide_with_another_pitch(rig):
-    after = moved(state_of(rig), {"slide pitch": 0.005})
+    after = moved(state_of(rig), {Move.SLIDE_PITCH: 0.005})
     demand_same(after, rig.at(projector={"pitch_mm": 1.005 * rig.projector.pitch_mm}))
 
 
 def test_slide_turned(rig):
     """Fringes at the origin turn; a slide turned about the axis of light that leans by t turns them otherwise."""
-    after = moved(state_of(rig), {"slide turn": 0.002})
+    after = moved(state_of(rig), {Move.SLIDE_TURN: 0.002})
     projector = build_projector(rig.projector)
     axis = np.array(projector.axes[2])
     carrier = np.array(projector.carrier) @ np.array(projector.axes[:2])
@@ -123,7 +126,7 @@ def test_plate_tilted(rig, direction_deg):
             "across_deg": math.degrees(math.atan2(slope[1], slope[0])),
         },
     )
-    after = moved(state_of(rig), {"plate tilt toward x": rise[0], "plate tilt toward y": rise[1]})
+    after = moved(state_of(rig), {Move.PLATE_TILT_X: rise[0], Move.PLATE_TILT_Y: rise[1]})
     # Two turns one after the other are one turn to second order, 0.0035^2 / 2 = 6e-6 of 300 rad, and the scale
     # of a leaning camera is held to the mean on the plate by the document, across the axis by the model: 1e-4.
     np.testing.assert_allclose(phases(after), phases(state_of(tilted)), rtol=2e-4, atol=0.01)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fringecal.errors import DetectionError, FitError, SessionError
+from fringecal.projector.move_kinds import Move
 from fringecal.projector.moves import moved
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.records.audit_record import read_audit, write_audit
@@ -15,6 +16,7 @@ from fringecal.records.calibration_record import AppearanceRecord, CalibrationRe
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
 from fringecal.targets import load_target
+from fringecal.workflows.audit.cause_kinds import Cause
 from fringecal.workflows.audit.change_covariance import light_doubt
 from fringecal.workflows.audit.checks import audit_checks, changes_of
 from fringecal.workflows.audit.observed import base_state
@@ -121,8 +123,8 @@ def test_a_lowered_camera_is_named(in_force, tmp_path):
     rig = small_rig()
     lower = rig.at(camera={"height_mm": 1495.0, "scale_mm_per_px": 0.9 * 1495 / 1500})
     found = in_force.audited(taken(lower, tmp_path / "s", 3))
-    assert found.causes[0].cause == "camera height changed"
-    amount, u = found.causes[0].amounts["camera height"], found.causes[0].u_amounts["camera height"]
+    assert found.causes[0].cause is Cause.CAMERA_HEIGHT
+    amount, u = found.causes[0].amounts[Move.CAMERA_HEIGHT], found.causes[0].u_amounts[Move.CAMERA_HEIGHT]
     # By the true move and five of its uncertainties; the camera's stated height, 5 mm of 1500, scales it by 0.3 %.
     assert amount == pytest.approx(-5.0, abs=5 * u + 0.02)
     assert change_named(found, "scale").found.value == pytest.approx(-100 * 5 / 1500, abs=0.03)
@@ -133,8 +135,8 @@ def test_another_strip_is_named(in_force, tmp_path):
     stated = load_target("glass-strips")
     other = type(stated).model_validate({**stated.model_dump(), "height_mm": {"value": 3.1, "u": 0.005}})
     found = in_force.audited(taken(small_rig(), tmp_path / "s", 4, captures=CAPTURES[1:], targets={"strips": other}))
-    assert found.causes[0].cause == "strips not as high as stated"
-    assert found.causes[0].amounts["strip height"] == pytest.approx(0.1 / 3, abs=2e-3)
+    assert found.causes[0].cause is Cause.STRIPS
+    assert found.causes[0].amounts[Move.STRIP_HEIGHT] == pytest.approx(0.1 / 3, abs=2e-3)
     assert any("no grid" in note for note in found.notes)
     # The phase of a strip 3.3 % higher is that of 3.3 % more tangent: 3.3 % sin cos of 50.7 deg is 0.94 deg.
     angle = change_named(found, "projection angle, by the strips").found.value
@@ -149,8 +151,8 @@ def test_every_set_of_strips_is_compared(in_force, tmp_path):
     other = type(stated).model_validate({**stated.model_dump(), "height_mm": {"value": 3.1, "u": 0.005}})
     captures = ("reference", "strips", "more strips")
     found = in_force.audited(taken(twice, tmp_path / "s", 6, captures=captures, targets={"more strips": other}))
-    assert found.causes[0].cause == "strips not as high as stated"
-    assert found.causes[0].amounts == {"strip height, set 2": pytest.approx(0.1 / 3, abs=2e-3)}
+    assert found.causes[0].cause is Cause.STRIPS
+    assert found.causes[0].amounts == {Move.STRIP_SET_2: pytest.approx(0.1 / 3, abs=2e-3)}
     scales = [change_named(found, f"height scale, on {name}").found for name in captures[1:]]
     # The first set is as it was, the second 3.33 % higher; phase is not quite in proportion to height.
     assert abs(scales[0].value) < 4 * scales[0].u
@@ -225,11 +227,11 @@ def test_a_record_says_it_all_and_is_read_back(in_force, tmp_path, unchanged):
 @pytest.mark.parametrize(
     ("cause", "amounts"),
     [
-        ("camera lens refocused", {"lens blur": 0.8, "focal length": 0.002}),
-        ("slide pitch changed", {"slide pitch": 0.005}),
-        ("plate tilted", {"plate tilt toward x": 0.0025, "plate tilt toward y": -0.0025}),
-        ("projector refocused", {"fringe blur": 0.6}),
-        ("lamp moved", {"aimed lamp along y": 3.0, "aimed lamp along z": -4.0}),
+        (Cause.CAMERA_LENS, {Move.LENS_BLUR: 0.8, Move.FOCAL_LENGTH: 0.002}),
+        (Cause.SLIDE_PITCH, {Move.SLIDE_PITCH: 0.005}),
+        (Cause.PLATE_TILTED, {Move.PLATE_TILT_X: 0.0025, Move.PLATE_TILT_Y: -0.0025}),
+        (Cause.PROJECTOR_LENS, {Move.FRINGE_BLUR: 0.6}),
+        (Cause.PROJECTOR_PLACE, {Move.AIMED_PROJECTOR_ALONG_Y: 3.0, Move.AIMED_PROJECTOR_ALONG_Z: -4.0}),
     ],
 )
 def test_signatures_are_told_apart(in_force, unchanged, cause, amounts):
@@ -239,11 +241,11 @@ def test_signatures_are_told_apart(in_force, unchanged, cause, amounts):
     ranked = rank_causes(unchanged.layout, base, unchanged.change + signature, unchanged.covariance)
     assert ranked[0].cause == cause
     assert {fit.cause for fit in ranked} == set(CAUSES)
-    for name, value in amounts.items():
-        if name in ranked[0].amounts:
+    for move, value in amounts.items():
+        if move in ranked[0].amounts:
             # Four uncertainties; 3 % where a large step is no longer linear.
-            assert ranked[0].amounts[name] == pytest.approx(
-                value, abs=4 * ranked[0].u_amounts[name] + 0.03 * abs(value)
+            assert ranked[0].amounts[move] == pytest.approx(
+                value, abs=4 * ranked[0].u_amounts[move] + 0.03 * abs(value)
             )
 
 

@@ -82,8 +82,11 @@ from .height_models import (
 from .joint_fit import (
     RigFit as RigFit,
 )
-from .moves import (
-    MOST_SETS as MOST_SETS,
+from .move_kinds import (
+    STRIP_SETS as STRIP_SETS,
+)
+from .move_kinds import (
+    Move as Move,
 )
 from .moves import (
     RigState as RigState,

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera import CAMERA_NAMES, PlateCamera
+from fringecal.projector.move_kinds import STRIP_SETS, Move
 from fringecal.projector.rig_model import RigModel, projector_line, projector_point
 
 Array = NDArray[np.float64]
-
-MOST_SETS = 4  # of strips, each of which can be another than stated
 
 
 @dataclass(frozen=True)
@@ -41,24 +40,24 @@ class RigState:
     set_scales: Mapping[int, float] = field(default_factory=dict)
 
 
-def moved(state: RigState, amounts: Mapping[str, float]) -> RigState:
+def moved(state: RigState, amounts: Mapping[Move, float]) -> RigState:
     """Return the rig after moves, one after the other.
 
     Parameters
     ----------
     amounts
-        By name of `MOVES`: millimetres, radians, or relative changes.
+        By move: millimetres, radians, or relative changes.
 
     Examples
     --------
     >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.5, "height_mm": 1000.0}, (480, 640))
     >>> model = RigModel(np.array([0, 0.8, -0.9, 0, 0, 5e-4, -4e-4]), np.array([0, 1000.0, 1000.0]))
-    >>> lower = moved(RigState(camera, model), {"camera height": -5.0})
+    >>> lower = moved(RigState(camera, model), {Move.CAMERA_HEIGHT: -5.0})
     >>> round(lower.camera["scale_mm_per_px"], 6)
     0.4975
     """
-    for name, amount in amounts.items():
-        state = MOVES[name](state, amount)
+    for move, amount in amounts.items():
+        state = MOVES[move](state, amount)
     return state
 
 
@@ -237,32 +236,32 @@ def has_lamp(model: RigModel) -> bool:
     return bool(np.all(np.isfinite(projector_line(model.parameters)[0])) and np.all(np.isfinite(model.projector_mm)))
 
 
-#: Moves by name; amounts in mm, rad, or relative.
-MOVES: Mapping[str, Callable[[RigState, float], RigState]] = {
-    "camera height": _camera_raised,
-    "camera along x": _camera_shifted(0),
-    "camera along y": _camera_shifted(1),
-    "camera tilt toward x": _camera_turned(0),
-    "camera tilt toward y": _camera_turned(1),
-    "camera roll": _camera_rolled,
-    "focal length": _refocused,
-    "lens distortion": _lens_bent,
-    "lens blur": _lens_blurred,
-    "lamp along x": _lamp_shifted(0),
-    "lamp along y": _lamp_shifted(1),
-    "lamp along z": _lamp_shifted(2),
-    "aimed lamp along x": _lamp_aimed(0),
-    "aimed lamp along y": _lamp_aimed(1),
-    "aimed lamp along z": _lamp_aimed(2),
-    "lamp turned about x": _lamp_turned(0),
-    "lamp turned about y": _lamp_turned(1),
-    "lamp turned about z": _lamp_turned(2),
-    "slide pitch": _slide_ruled,
-    "slide turn": _slide_turned,
-    "fringe blur": _fringes_blurred,
-    "plate tilt toward x": _plate_tilted(0),
-    "plate tilt toward y": _plate_tilted(1),
-    "plate height": _plate_raised,
-    "strip height": _strips_changed,
-    **{f"strip height, set {number + 1}": _set_changed(number) for number in range(MOST_SETS)},
+#: What each move does; amounts in mm, rad, or relative.
+MOVES: Mapping[Move, Callable[[RigState, float], RigState]] = {
+    Move.CAMERA_HEIGHT: _camera_raised,
+    Move.CAMERA_ALONG_X: _camera_shifted(0),
+    Move.CAMERA_ALONG_Y: _camera_shifted(1),
+    Move.CAMERA_TILT_X: _camera_turned(0),
+    Move.CAMERA_TILT_Y: _camera_turned(1),
+    Move.CAMERA_ROLL: _camera_rolled,
+    Move.FOCAL_LENGTH: _refocused,
+    Move.LENS_DISTORTION: _lens_bent,
+    Move.LENS_BLUR: _lens_blurred,
+    Move.PROJECTOR_ALONG_X: _lamp_shifted(0),
+    Move.PROJECTOR_ALONG_Y: _lamp_shifted(1),
+    Move.PROJECTOR_ALONG_Z: _lamp_shifted(2),
+    Move.AIMED_PROJECTOR_ALONG_X: _lamp_aimed(0),
+    Move.AIMED_PROJECTOR_ALONG_Y: _lamp_aimed(1),
+    Move.AIMED_PROJECTOR_ALONG_Z: _lamp_aimed(2),
+    Move.PROJECTOR_TURNED_X: _lamp_turned(0),
+    Move.PROJECTOR_TURNED_Y: _lamp_turned(1),
+    Move.PROJECTOR_TURNED_Z: _lamp_turned(2),
+    Move.SLIDE_PITCH: _slide_ruled,
+    Move.SLIDE_TURN: _slide_turned,
+    Move.FRINGE_BLUR: _fringes_blurred,
+    Move.PLATE_TILT_X: _plate_tilted(0),
+    Move.PLATE_TILT_Y: _plate_tilted(1),
+    Move.PLATE_HEIGHT: _plate_raised,
+    Move.STRIP_HEIGHT: _strips_changed,
+    **{move: _set_changed(number) for number, move in enumerate(STRIP_SETS)},
 }

@@ -34,20 +34,5 @@ class FindingKind(Enum):
 
 _FATAL = frozenset({FindingKind.STALE_FRAME, FindingKind.DUPLICATE_FRAMES, FindingKind.SWAPPED_FRAMES})
 
-#: What a reader sees of each, in reports, tables and messages; it steers nothing.
-FINDING_TEXTS: dict[FindingKind, str] = {
-    FindingKind.STALE_FRAME: "stale frame",
-    FindingKind.DUPLICATE_FRAMES: "duplicate frames",
-    FindingKind.SWAPPED_FRAMES: "swapped frames",
-    FindingKind.SATURATION: "saturation",
-    FindingKind.LAMP_DRIFT: "lamp drift",
-    FindingKind.VIBRATION: "vibration",
-    FindingKind.VIBRATION_BETWEEN_REPEATS: "vibration between repeats",
-    FindingKind.CLIPPED_SLIDE: "clipped slide",
-    FindingKind.GAMMA: "gamma",
-    FindingKind.DEFOCUS: "defocus",
-    FindingKind.WRONG_STEPS: "wrong steps",
-    FindingKind.UNEVEN_STEPS: "uneven steps",
-    FindingKind.SHORT_FRINGES: "too few pixels per fringe",
-    FindingKind.LONG_FRINGES: "too many pixels per fringe",
-}
+#: What a reader sees of each, in reports, tables and messages: a text can be changed here and steers nothing.
+FINDING_TEXTS: dict[FindingKind, str] = {one: one.value for one in FindingKind}

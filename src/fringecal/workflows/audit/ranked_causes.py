@@ -7,65 +7,63 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from fringecal.projector import MOST_SETS, RigState, has_lamp, moved
+from fringecal.projector import STRIP_SETS, Move, RigState, has_lamp, moved
+from fringecal.workflows.audit.cause_kinds import Cause
 from fringecal.workflows.audit.layout import Layout
 
 Array = NDArray[np.float64]
 
-_AXES = ("x", "y", "z")
-_LAMP = tuple(f"lamp along {a}" for a in _AXES)
-_AIMED = tuple(f"aimed lamp along {a}" for a in _AXES)
-_TURNED = tuple(f"lamp turned about {a}" for a in _AXES)
-_SETS = tuple(f"strip height, set {number + 1}" for number in range(MOST_SETS))
-_PLATE = ("plate tilt toward x", "plate tilt toward y")
+_CAMERA_PLACE = (Move.CAMERA_ALONG_X, Move.CAMERA_ALONG_Y)
+_CAMERA_TURNS = (Move.CAMERA_TILT_X, Move.CAMERA_TILT_Y, Move.CAMERA_ROLL)
+_PROJECTOR = (Move.PROJECTOR_ALONG_X, Move.PROJECTOR_ALONG_Y, Move.PROJECTOR_ALONG_Z)
+_AIMED = (Move.AIMED_PROJECTOR_ALONG_X, Move.AIMED_PROJECTOR_ALONG_Y, Move.AIMED_PROJECTOR_ALONG_Z)
+_TURNED = (Move.PROJECTOR_TURNED_X, Move.PROJECTOR_TURNED_Y, Move.PROJECTOR_TURNED_Z)
+_PLATE = (Move.PLATE_TILT_X, Move.PLATE_TILT_Y)
+#: What parallel rays of a camera, and parallel light, cannot show.
+_OF_A_PINHOLE = frozenset({Move.CAMERA_TILT_X, Move.CAMERA_TILT_Y, Move.CAMERA_HEIGHT, Move.FOCAL_LENGTH})
+_OF_DIVERGING_LIGHT = frozenset({*_PROJECTOR, *_AIMED, *_TURNED, Move.SLIDE_TURN})
 
 #: Every cause with its variants: the moves that are free in each.
-CAUSES: Mapping[str, tuple[tuple[str, ...], ...]] = {
-    "camera height changed": (("camera height",),),
-    "camera shifted or turned": (
-        ("camera along x", "camera along y"),
-        ("camera along x", "camera along y", "camera tilt toward x", "camera tilt toward y", "camera roll"),
+CAUSES: Mapping[Cause, tuple[tuple[Move, ...], ...]] = {
+    Cause.CAMERA_HEIGHT: ((Move.CAMERA_HEIGHT,),),
+    Cause.CAMERA_PLACE: (_CAMERA_PLACE, (*_CAMERA_PLACE, *_CAMERA_TURNS)),
+    Cause.CAMERA_LENS: (
+        (Move.LENS_BLUR,),
+        (Move.LENS_BLUR, Move.FOCAL_LENGTH),
+        (Move.LENS_BLUR, Move.FOCAL_LENGTH, Move.LENS_DISTORTION),
     ),
-    "camera lens refocused": (
-        ("lens blur",),
-        ("lens blur", "focal length"),
-        ("lens blur", "focal length", "lens distortion"),
-    ),
-    "lamp moved": (_LAMP, _AIMED, (*_LAMP, *_TURNED)),
-    "projector or mirror turned": (_TURNED,),
-    "slide pitch changed": (("slide pitch",),),
-    "slide turned": (("slide turn",),),
-    "projector refocused": (("fringe blur",),),
-    "plate tilted": (_PLATE, (*_PLATE, "plate height")),
-    "plate raised or lowered": (("plate height",),),
-    "strips not as high as stated": (("strip height",), *((name,) for name in _SETS)),
+    Cause.PROJECTOR_PLACE: (_PROJECTOR, _AIMED, (*_PROJECTOR, *_TURNED)),
+    Cause.PROJECTOR_TURNED: (_TURNED,),
+    Cause.SLIDE_PITCH: ((Move.SLIDE_PITCH,),),
+    Cause.SLIDE_TURNED: ((Move.SLIDE_TURN,),),
+    Cause.PROJECTOR_LENS: ((Move.FRINGE_BLUR,),),
+    Cause.PLATE_TILTED: (_PLATE, (*_PLATE, Move.PLATE_HEIGHT)),
+    Cause.PLATE_RAISED: ((Move.PLATE_HEIGHT,),),
+    Cause.STRIPS: ((Move.STRIP_HEIGHT,), *((move,) for move in STRIP_SETS)),
 }
 
 #: Usual size of each move when it happens, as a standard deviation; sets how much room a cause has. A size that is too
 #: small punishes a cause that is right, one that is too large makes it lose against causes with less room.
-SIZES: Mapping[str, float] = {
+SIZES: Mapping[Move, float] = {
     # A mount that slips or is knocked: mm, rad.
-    "camera height": 10.0,
-    "camera along x": 10.0,
-    "camera along y": 10.0,
-    "camera tilt toward x": 0.005,
-    "camera tilt toward y": 0.005,
-    "camera roll": 0.005,
-    **dict.fromkeys((*_LAMP, *_AIMED), 10.0),
+    Move.CAMERA_HEIGHT: 10.0,
+    **dict.fromkeys(_CAMERA_PLACE, 10.0),
+    **dict.fromkeys(_CAMERA_TURNS, 0.005),
+    **dict.fromkeys((*_PROJECTOR, *_AIMED), 10.0),
     **dict.fromkeys(_TURNED, 0.005),
     # A lens that is focused anew: relative, k1, variance of the blur in px^2 and mm^2.
-    "focal length": 0.01,
-    "lens distortion": 0.02,
-    "lens blur": 1.0,
-    "fringe blur": 1.0,
+    Move.FOCAL_LENGTH: 0.01,
+    Move.LENS_DISTORTION: 0.02,
+    Move.LENS_BLUR: 1.0,
+    Move.FRINGE_BLUR: 1.0,
     # Another slide, or one put in again: relative, rad.
-    "slide pitch": 0.01,
-    "slide turn": 0.005,
+    Move.SLIDE_PITCH: 0.01,
+    Move.SLIDE_TURN: 0.005,
     # A plate on other feet: rad, mm.
     **dict.fromkeys(_PLATE, 0.005),
-    "plate height": 2.0,
+    Move.PLATE_HEIGHT: 2.0,
     # Other strips than stated: relative.
-    **dict.fromkeys(("strip height", *_SETS), 0.05),
+    **dict.fromkeys((Move.STRIP_HEIGHT, *STRIP_SETS), 0.05),
 }
 _ROUNDS = 4  # Gauss-Newton steps: moves act nearly linearly
 _STEP = 1e-3  # of a move's usual size, over which derivatives are taken
@@ -78,7 +76,7 @@ class CauseFit:
     Parameters
     ----------
     cause
-        Name of the cause.
+        The cause.
     amounts, u_amounts
         By how much each thing would have moved, and its standard uncertainty; mm, rad or relative.
     chi2, dof
@@ -88,9 +86,9 @@ class CauseFit:
         a penalty for every move that is free (Laplace's approximation of the marginal likelihood).
     """
 
-    cause: str
-    amounts: dict[str, float]
-    u_amounts: dict[str, float]
+    cause: Cause
+    amounts: dict[Move, float]
+    u_amounts: dict[Move, float]
     chi2: float
     dof: int
     log_evidence: float
@@ -126,19 +124,21 @@ def rank_causes(layout: Layout, base: RigState, change: Array, covariance: Array
     return tuple(sorted(best, key=lambda fit: -fit.log_evidence))
 
 
-def _possible(moves: Sequence[str], base: RigState, sets: int) -> bool:
+def _possible(moves: Sequence[Move], base: RigState, sets: int) -> bool:
     """Leave out what a rig cannot do: a telecentric camera has no height, parallel light no lamp.
 
     One set of strips alone is in question only where there are `sets` of them.
     """
-    if any(name in moves for name in (_SETS if sets < 2 else _SETS[sets:])):
+    if any(move in moves for move in (STRIP_SETS if sets < 2 else STRIP_SETS[sets:])):
         return False
-    if base.camera.telecentric and any(m.startswith(("camera tilt", "camera height", "focal")) for m in moves):
+    if base.camera.telecentric and not _OF_A_PINHOLE.isdisjoint(moves):
         return False
-    return has_lamp(base.model) or not any("lamp" in m or m == "slide turn" for m in moves)
+    return has_lamp(base.model) or _OF_DIVERGING_LIGHT.isdisjoint(moves)
 
 
-def _fit(cause: str, moves: Sequence[str], layout: Layout, base: RigState, change: Array, whitening: Array) -> CauseFit:
+def _fit(
+    cause: Cause, moves: Sequence[Move], layout: Layout, base: RigState, change: Array, whitening: Array
+) -> CauseFit:
     sizes = np.array([SIZES[m] for m in moves])
     start = layout.predict(base)
 

@@ -70,11 +70,11 @@ def _changes(found: Audit, limits: Limits) -> tuple[ChangeRecord, ...]:
 
 def _cause(fit: CauseFit) -> CauseRecord:
     amounts = []
-    for name, value in fit.amounts.items():
-        unit, factor = amount_unit(name)
-        amounts.append(AmountRecord(name=name, value=factor * value, u=factor * fit.u_amounts[name], unit=unit))
+    for move, value in fit.amounts.items():
+        unit, factor = amount_unit(move)
+        amounts.append(AmountRecord(name=move.value, value=factor * value, u=factor * fit.u_amounts[move], unit=unit))
     return CauseRecord(
-        name=fit.cause,
+        name=fit.cause.value,
         amounts=tuple(amounts),
         chi2=fit.chi2,
         dof=fit.dof,

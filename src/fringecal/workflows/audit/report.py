@@ -120,8 +120,8 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
     best = found.causes[0].log_evidence
     rows = [
         {
-            "cause": fit.cause,
-            "amounts": ", ".join(f"{name} {amount_text(name, value)}" for name, value in fit.amounts.items()),
+            "cause": fit.cause.text,
+            "amounts": ", ".join(f"{move.text} {amount_text(move, value)}" for move, value in fit.amounts.items()),
             "chi-squared": fit.chi2,
             "of": fit.dof,
             "ln(odds)": fit.log_evidence - best,
@@ -135,8 +135,8 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
     table = Table("Causes", pd.DataFrame(rows), note, {"chi-squared": ".1f", "ln(odds)": ".1f"})
     figure = FigureItem(
         "Causes compared",
-        cause_bars([fit.cause for fit in found.causes], [fit.log_evidence - best for fit in found.causes]),
-        f"Bars of {len(found.causes)} causes by how much less likely they are than {found.causes[0].cause}.",
+        cause_bars([fit.cause.text for fit in found.causes], [fit.log_evidence - best for fit in found.causes]),
+        f"Bars of {len(found.causes)} causes by how much less likely they are than {found.causes[0].cause.text}.",
     )
     return (Section("What probably moved", (audit_sentence(found),), (table,), (figure,)),)
 

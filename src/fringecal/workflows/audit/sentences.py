@@ -2,6 +2,7 @@
 
 import math
 
+from fringecal.projector import STRIP_SETS, Move
 from fringecal.workflows.audit.ranked_causes import CauseFit
 from fringecal.workflows.audit.run import Audit
 
@@ -10,6 +11,21 @@ _UNEXPLAINED = 1e-4  # chance of the misfit that a cause leaves, below which mor
 _FIRST_ORDER = 0.01  # of chi-squared, a tenth of the change: signatures hold no closer
 _TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
 _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties
+_ANGLES = frozenset(
+    {
+        Move.CAMERA_TILT_X,
+        Move.CAMERA_TILT_Y,
+        Move.CAMERA_ROLL,
+        Move.PROJECTOR_TURNED_X,
+        Move.PROJECTOR_TURNED_Y,
+        Move.PROJECTOR_TURNED_Z,
+        Move.SLIDE_TURN,
+        Move.PLATE_TILT_X,
+        Move.PLATE_TILT_Y,
+    }
+)
+_RATIOS = frozenset({Move.FOCAL_LENGTH, Move.SLIDE_PITCH, Move.STRIP_HEIGHT, *STRIP_SETS})
+_OTHER_UNITS = {Move.LENS_BLUR: "px^2", Move.FRINGE_BLUR: "mm^2", Move.LENS_DISTORTION: "k1"}
 
 
 def audit_sentence(found: Audit) -> str:
@@ -48,27 +64,27 @@ def change_sentence(found: Audit) -> str:
 
 def cause_words(fit: CauseFit) -> str:
     """Name a cause with the amounts that it takes."""
-    sure = {name: value for name, value in fit.amounts.items() if abs(value) > _PART_OF_USUAL * fit.u_amounts[name]}
-    parts = [f"{name} {amount_text(name, value)}" for name, value in sure.items()]
-    return f"{fit.cause} ({', '.join(parts)})" if parts else fit.cause
+    sure = {move: value for move, value in fit.amounts.items() if abs(value) > _PART_OF_USUAL * fit.u_amounts[move]}
+    parts = [f"{move.text} {amount_text(move, value)}" for move, value in sure.items()]
+    return f"{fit.cause.text} ({', '.join(parts)})" if parts else fit.cause.text
 
 
-def amount_unit(name: str) -> tuple[str, float]:
+def amount_unit(move: Move) -> tuple[str, float]:
     """Return the unit in which a move is told, and the factor to it from `MOVES`' own."""
-    if "tilt" in name or "turn" in name or name == "camera roll":
+    if move in _ANGLES:
         return "deg", 180 / math.pi
-    if name in ("focal length", "slide pitch") or name.startswith("strip height"):
+    if move in _RATIOS:
         return "%", 100.0
-    return {"lens blur": "px^2", "fringe blur": "mm^2", "lens distortion": "k1"}.get(name, "mm"), 1.0
+    return _OTHER_UNITS.get(move, "mm"), 1.0
 
 
-def amount_text(name: str, value: float) -> str:
+def amount_text(move: Move, value: float) -> str:
     """Print an amount in its unit.
 
     Examples
     --------
-    >>> amount_text("strip height", 0.0333), amount_text("camera height", -5.0)
+    >>> amount_text(Move.STRIP_HEIGHT, 0.0333), amount_text(Move.CAMERA_HEIGHT, -5.0)
     ('+3.33 %', '-5 mm')
     """
-    unit, factor = amount_unit(name)
+    unit, factor = amount_unit(move)
     return f"{value * factor:+.3g} {unit}"
