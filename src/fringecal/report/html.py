@@ -15,6 +15,7 @@ from fringecal.report.readable import ReadableMap
 from fringecal.report.structure import FigureItem, Live, Report, Section, Table, slug
 from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_text
 
+_CSS_PX_PER_IN = 96  # as CSS has it
 _OPEN = 5  # tables and figures that a page shows unasked; with more, it is a list of sections to open
 
 
@@ -131,7 +132,7 @@ def _view_section(section: Section, number: int, values: dict[ReadableMap, str])
 
 def _view_figure(item: FigureItem, values: dict[ReadableMap, str]) -> _FigureView:
     kind = "image/svg+xml" if item.encoding == "svg" else "image/png"
-    width, height = (round(96 * inches) for inches in item.figure.get_size_inches())
+    width, height = (round(_CSS_PX_PER_IN * inches) for inches in item.figure.get_size_inches())
     uri = _data_uri(kind, figure_bytes(item))  # the axes have their place once they are drawn
     live = _view_live(item.live, item.figure.axes[0], values) if item.live else None
     return _FigureView(item.caption, item.alt, uri, width, height, live)

@@ -16,6 +16,7 @@ from fringecal.report.views import DECISIONS, figure_bytes, inputs_table, table_
 
 # Beyond it lie the scripts of East Asia, for which no font comes with Typst.
 _LAST_BUNDLED = "\u2e7f"
+_PT_PER_IN = 72
 
 
 def render_pdf(report: Report) -> bytes:
@@ -95,7 +96,7 @@ def _table(table: Table) -> dict[str, Any]:
 
 def _figure(item: FigureItem, key: str) -> dict[str, Any]:
     width_in, height_in = item.figure.get_size_inches()
-    sides = {"width_pt": 72 * float(width_in), "height_pt": 72 * float(height_in)}
+    sides = {"width_pt": _PT_PER_IN * float(width_in), "height_pt": _PT_PER_IN * float(height_in)}
     return {"caption": item.caption, "alt": item.alt, "key": key} | sides
 
 
@@ -104,7 +105,7 @@ def _svg(item: FigureItem) -> str:
     content = figure_bytes(item)
     if item.encoding == "svg":
         return content.decode()
-    width, height = (f"{72 * float(inches):g}" for inches in item.figure.get_size_inches())
+    width, height = (f"{_PT_PER_IN * float(inches):g}" for inches in item.figure.get_size_inches())
     picture = base64.b64encode(content).decode("ascii")
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}pt" height="{height}pt" viewBox="0 0 {width} {height}">'

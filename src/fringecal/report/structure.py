@@ -14,6 +14,8 @@ from fringecal.report.readable import ReadableMap
 DOUBT = "an uncertainty"  # two significant digits
 DOF = "degrees of freedom"
 
+_LONGEST_SLUG = 60  # letters of a file's name, so that a folder of results fits every file system
+
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
 
 
@@ -25,7 +27,7 @@ def slug(caption: str) -> str:
     >>> slug("Profiles, edge zones left out / mm")
     'profiles-edge-zones-left-out-mm'
     """
-    return re.sub(r"[^a-z0-9]+", "-", caption.lower()).strip("-")[:60].strip("-") or "untitled"
+    return re.sub(r"[^a-z0-9]+", "-", caption.lower()).strip("-")[:_LONGEST_SLUG].strip("-") or "untitled"
 
 
 @dataclass(frozen=True)

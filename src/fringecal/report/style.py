@@ -29,6 +29,18 @@ ERROR_MAP = "RdBu_r"
 PHASE_MAP = "twilight"
 MASKED = "#d4d4d8"
 
+WIDTH_IN = 7.0
+"""Width of a figure, inches: a sheet of A4 between its margins."""
+
+SMALL_PT, GUIDE_PT, BAND_ALPHA = 8, 0.8, 0.25
+"""Size of words inside a figure and width of lines that only guide the eye, points; opacity of a 95 % band, under which
+curves of two bands still show."""
+
+SCALE_PERCENT = (1, 99)
+"""Percentiles of a map's values between which its colours run: single wrong pixels must not bleach it."""
+
+_SIGNED_PERCENT = 99.5  # likewise, of the absolute values of a map with sign
+
 RC: dict[Any, Any] = {
     "font.family": ["DejaVu Sans"],
     "font.size": 10.0,
@@ -67,12 +79,12 @@ def styled[**P](draw: Callable[P, Figure]) -> Callable[P, Figure]:
     return wrapped
 
 
-def new_figure(width_in: float = 7.0, height_in: float = 4.5) -> Figure:
+def new_figure(width_in: float = WIDTH_IN, height_in: float = 4.5) -> Figure:
     """Make an empty figure that spaces its own labels; draw on it inside a `styled` function."""
     return Figure(figsize=(width_in, height_in), dpi=110, layout="constrained")
 
 
-def symmetric_limit(values: np.ndarray, *, percentile: float = 99.5) -> float:
+def symmetric_limit(values: np.ndarray, *, percentile: float = _SIGNED_PERCENT) -> float:
     """Find the limit of a diverging scale: the percentile of the absolute finite values.
 
     A percentile, not the maximum, so that one bad pixel does not bleach the whole map; what lies

@@ -22,7 +22,7 @@ DECISIONS = {
     "info": ("For information", "i"),
 }
 _MISSING = "–"
-_PNG_DPI = 120
+_PNG_DPI = 120  # sharp on a screen, and on paper at the width of a column
 _ENCODED: weakref.WeakKeyDictionary[FigureItem, bytes] = weakref.WeakKeyDictionary()
 
 

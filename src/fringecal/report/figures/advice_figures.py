@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringecal.report.style import GREY, HEIGHT_MAP, PALETTE, colourbar, new_figure, styled
+from fringecal.report.style import GREY, HEIGHT_MAP, PALETTE, WIDTH_IN, colourbar, new_figure, styled
 
 
 @styled
@@ -20,7 +20,7 @@ def forecast_bars(causes_mm: Mapping[float, Mapping[str, float]], *, title: str 
         Which rig.
     """
     labels = list(dict.fromkeys(label for causes in causes_mm.values() for label in causes))
-    figure = new_figure(7.0, 1.8 + 0.5 * len(labels))
+    figure = new_figure(WIDTH_IN, 1.8 + 0.5 * len(labels))
     axes = figure.subplots()
     size = 0.8 / len(causes_mm)
     for i, (height, causes) in enumerate(causes_mm.items()):
@@ -75,7 +75,7 @@ def gain_lines(
     after_mm
         The same with each proposal, one row per proposal.
     """
-    figure = new_figure(7.0, 4.2)
+    figure = new_figure(WIDTH_IN, 4.2)
     axes = figure.subplots()
     axes.plot(heights_mm, before_mm, "o-", color=GREY, label="as it is")
     for i, (name, values) in enumerate(zip(names, after_mm, strict=True)):

@@ -7,7 +7,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fringecal.report.figures.phase_figures import map_picture
-from fringecal.report.style import AMBER, BLUE, GREY, HEIGHT_MAP, PHASE_MAP, colourbar, new_figure, styled
+from fringecal.report.style import (
+    AMBER,
+    BLUE,
+    GREY,
+    GUIDE_PT,
+    HEIGHT_MAP,
+    PHASE_MAP,
+    SMALL_PT,
+    colourbar,
+    new_figure,
+    styled,
+)
 
 
 @styled
@@ -37,7 +48,7 @@ def analytic_overview(
     _map(phase, phase_rad, PHASE_MAP, "wrapped phase / rad")
     _map(height, height_px, HEIGHT_MAP, "height read / px")
     for row in rows:
-        picture.axhline(row, color=AMBER, lw=0.8)
+        picture.axhline(row, color=AMBER, lw=GUIDE_PT)
     _sections(sections, height_px, true_px, rows)
     figure.suptitle(title)
     return figure
@@ -56,6 +67,6 @@ def _sections(axes: Axes, height_px: np.ndarray, true_px: np.ndarray, rows: Sequ
         first = place == 0
         axes.plot(true_px[row] + place * apart, color=GREY, lw=3.5, alpha=0.5, label="drawn" if first else None)
         axes.plot(height_px[row] + place * apart, color=BLUE, lw=1.0, label="read" if first else None)
-        axes.annotate(f"row {row}", (2, place * apart), xytext=(0, 3), textcoords="offset points", fontsize=8)
+        axes.annotate(f"row {row}", (2, place * apart), xytext=(0, 3), textcoords="offset points", fontsize=SMALL_PT)
     axes.set(xlabel="u / px", ylabel="height / px, sections set apart")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)

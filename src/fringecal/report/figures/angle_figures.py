@@ -10,9 +10,12 @@ from fringecal.projector import Breaks, RigCalibration, projection_angle
 from fringecal.report.style import (
     BLUE,
     GREY,
+    GUIDE_PT,
     HEIGHT_MAP,
     INK,
     ORANGE,
+    SMALL_PT,
+    WIDTH_IN,
     colourbar,
     image_axes,
     new_figure,
@@ -52,7 +55,7 @@ def angle_plot(
     title
         Which strips or which fit.
     """
-    figure = new_figure(7.0, 4.4)
+    figure = new_figure(WIDTH_IN, 4.4)
     axes = figure.subplots()
     if theory_deg is not None:
         _draw_theory(axes, position_mm, np.asarray(theory_deg, float).reshape(len(position_mm), -1))
@@ -64,7 +67,7 @@ def angle_plot(
             marker="s",
             ms=3.5,
             mfc="none",
-            lw=0.8,
+            lw=GUIDE_PT,
             zorder=1.5,
             label="apparent, camera's angle included",
         )
@@ -161,7 +164,7 @@ def angle_field(calibration: RigCalibration, field_mm: tuple[float, float, float
     angle = np.degrees(projection_angle(calibration.model, x, y))
     scale = Normalize(float(angle.min()), float(angle.max()))
     lines = axes.contour(x, y, angle, levels=9, linewidths=1.2, norm=scale, cmap=HEIGHT_MAP)
-    axes.clabel(lines, fmt="%.1f°", fontsize=8, colors=INK)
+    axes.clabel(lines, fmt="%.1f°", fontsize=SMALL_PT, colors=INK)
     used = breaks.used
     dots = axes.scatter(
         breaks.x_mm[used], breaks.y_mm[used], c=breaks.angle_deg[used], s=12, lw=0, norm=scale, cmap=HEIGHT_MAP

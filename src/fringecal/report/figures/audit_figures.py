@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringecal.report.style import BLUE, GREY, ORANGE, new_figure, styled
+from fringecal.report.style import BLUE, GREY, GUIDE_PT, ORANGE, new_figure, styled
 
+_SURE_DECADES = 1.3  # odds of 20 to 1: a cause that is no less likely is not told from the best one
 _WIDEST = 3.0  # limits; what lies beyond is drawn at the edge, with its number
 
 
@@ -37,7 +38,7 @@ def change_bars(
     figure = new_figure(7.4, 1.5 + 0.36 * len(names))
     axes = figure.subplots()
     axes.axvspan(-1, 1, color=BLUE, alpha=0.10, lw=0)
-    axes.axvline(0.0, color=GREY, lw=0.8)
+    axes.axvline(0.0, color=GREY, lw=GUIDE_PT)
     colours = [ORANGE if abs(v) > 1 else BLUE for v in value]
     axes.barh(place, shown, color=colours, height=0.55)
     near = np.abs(value) < _WIDEST
@@ -71,7 +72,7 @@ def cause_bars(names: Sequence[str], log_odds: Sequence[float], *, title: str = 
     decades = np.abs(np.asarray(log_odds, float)) / np.log(10)
     figure = new_figure(7.4, 1.5 + 0.34 * len(names))
     axes = figure.subplots()
-    bars = axes.barh(place, decades + 0.3, color=[ORANGE if d < 1.3 else BLUE for d in decades], height=0.6)
+    bars = axes.barh(place, decades + 0.3, color=[ORANGE if d < _SURE_DECADES else BLUE for d in decades], height=0.6)
     axes.bar_label(bars, labels=[f"{d:.1f}" for d in decades], padding=4, fontsize=9)
     axes.set_xscale("log")
     axes.set_xlim(0.2, 3 * max(float(decades.max(initial=1.0)), 1.0) + 1)

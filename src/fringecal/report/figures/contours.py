@@ -5,10 +5,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from fringecal.records import regular_grid, sample_spacing_mm
-from fringecal.report.style import HEIGHT_MAP, INK, MASKED, colourbar, new_figure, plate_axes, styled
+from fringecal.report.style import HEIGHT_MAP, INK, MASKED, WIDTH_IN, colourbar, new_figure, plate_axes, styled
 
 _LONGEST_SIDE = 400  # nodes: contours of a finer grid show its noise
-_LEVELS = 10
+_LEVELS = 10  # lines, about: at round heights
+_ENDS_PERCENT = (0.5, 99.5)  # of the heights, between which lines run: single wrong pixels have none
 
 
 @styled
@@ -26,10 +27,12 @@ def contour_map(x_mm: np.ndarray, y_mm: np.ndarray, z_mm: np.ndarray, *, title: 
     x, y = np.where(known, x_mm, np.nan), np.where(known, y_mm, np.nan)
     coarse = max(np.ptp(x[known]), np.ptp(y[known])) / _LONGEST_SIDE
     grid = regular_grid(x, y, z_mm, spacing_mm=max(sample_spacing_mm(x, y), coarse), max_jump_mm=np.inf)
-    levels = np.array(MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*np.nanpercentile(grid.z_mm, [0.5, 99.5])))
+    levels = np.array(
+        MaxNLocator(_LEVELS, steps=[1, 2, 5, 10]).tick_values(*np.nanpercentile(grid.z_mm, _ENDS_PERCENT))
+    )
     # A line at 0 would draw the noise of the plate around the object.
     levels = levels[levels != 0] if np.count_nonzero(levels) > 1 else levels
-    figure = new_figure(7.0, 5.2)
+    figure = new_figure(WIDTH_IN, 5.2)
     axes = figure.subplots()
     axes.set_facecolor(MASKED)
     filled = axes.contourf(grid.x_mm, grid.y_mm, grid.z_mm, levels=levels, cmap=HEIGHT_MAP, extend="both")

@@ -12,9 +12,12 @@ from fringecal.report.style import (
     BLUE,
     ERROR_MAP,
     GREEN,
+    GUIDE_PT,
     HEIGHT_MAP,
     INK,
     ORANGE,
+    SCALE_PERCENT,
+    WIDTH_IN,
     colourbar,
     image_axes,
     new_figure,
@@ -22,9 +25,10 @@ from fringecal.report.style import (
     symmetric_limit,
 )
 
-_LONGEST_SIDE = 2400
+_LONGEST_SIDE = 2400  # pixels; more are finer than a report can print, but lines are thin
 _ARROW_SHARE = 0.05  # of the picture's width: length of the longest arrow before correction
 _ROUND_FACTORS = (1, 2, 5)
+_NAMED = 6  # crossings along the longer side whose index is written beside them, about
 
 
 @styled
@@ -77,7 +81,7 @@ def grid_overlay(
 
 def _name_some(axes, detection: GridDetection) -> None:  # type: ignore[no-untyped-def]
     """Write the index beside every fifth or so crossing."""
-    every = max(1, int(max(detection.row.max(), detection.column.max()) / 6))
+    every = max(1, int(max(detection.row.max(), detection.column.max()) / _NAMED))
     some = (detection.row % every == 0) & (detection.column % every == 0)
     for row, column, u, v in zip(
         detection.row[some], detection.column[some], detection.u_px[some], detection.v_px[some], strict=True
@@ -139,7 +143,7 @@ def residual_quiver(
     """
     known = np.isfinite(residual_px).all(axis=1)
     factor = _round_factor(_ARROW_SHARE * shape[1], residual_px[known])
-    figure = new_figure(7.0, 6.0)
+    figure = new_figure(WIDTH_IN, 6.0)
     axes = figure.subplots()
     _arrows(axes, points_px[known], factor * residual_px[known], shape)
     axes.set_title(f"{title}, {factor:g} times enlarged", loc="left")
@@ -165,7 +169,7 @@ def neglect_map(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: floa
     mm_per_px
         Mean factor; without it the error is in px.
     """
-    figure = new_figure(7.0, 5.2)
+    figure = new_figure(WIDTH_IN, 5.2)
     axes = figure.subplots()
     cost = cost_of_neglect_px(test) * (mm_per_px or 1.0)
     dots = axes.scatter(
@@ -234,7 +238,7 @@ def section_plot(sections: Mapping[str, LineSection]) -> Figure:
     figure = new_figure(9.0, 2.6 * len(sections))
     panels = np.atleast_1d(figure.subplots(len(sections), 1))
     for axes, (name, section) in zip(panels, sections.items(), strict=True):
-        axes.plot(section.distance_px, section.grey, color=BLUE, lw=0.8)
+        axes.plot(section.distance_px, section.grey, color=BLUE, lw=GUIDE_PT)
         axes.vlines(section.line_px, *axes.get_ylim(), color=ORANGE, lw=0.6, alpha=0.7)
         axes.set(xlabel="way across the lines / px", ylabel="grey level", xlim=(0, section.line_px[-1]))
         axes.set_title(f"across the {name} lines; found lines marked", loc="left")
@@ -243,7 +247,7 @@ def section_plot(sections: Mapping[str, LineSection]) -> Figure:
 
 def _round_factor(longest_px: float, residual_px: np.ndarray) -> float:
     """Largest of 1, 2, 5, 10 ... that leaves the 99th percentile arrow shorter than `longest_px`."""
-    long = float(np.percentile(np.hypot(*residual_px.T), 99)) if len(residual_px) else 0.0
+    long = float(np.percentile(np.hypot(*residual_px.T), SCALE_PERCENT[1])) if len(residual_px) else 0.0
     if long <= 0:
         return 1.0
     factor = longest_px / long

@@ -7,7 +7,7 @@ from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
 
 from fringecal.history import YEAR_DAYS, Chart, Review, Series
-from fringecal.report.style import AMBER, BLUE, GREEN, GREY, INK, ORANGE, new_figure, styled
+from fringecal.report.style import AMBER, BAND_ALPHA, BLUE, GREEN, GREY, GUIDE_PT, INK, ORANGE, new_figure, styled
 
 _TITLES = {
     "individuals": "Single values, limits at 3 sigma",
@@ -15,6 +15,10 @@ _TITLES = {
     "EWMA": "Exponentially weighted moving average",
     "CUSUM": "Cumulative sums, up and down",
 }
+
+_AHEAD = 0.25  # of the years that the history spans: as far as its line is carried on
+_PLACES = 60  # of that line and its band
+_FAR_LIMIT = 20  # times the largest deviation, from which on a limit would shrink the values to a line
 
 
 @styled
@@ -46,7 +50,7 @@ def control_charts(review: Review) -> Figure:
 
 def _draw(axes: Axes, times: np.ndarray, chart: Chart) -> None:
     axes.plot(times, chart.statistic, color=BLUE, marker="o", ms=3)
-    axes.axhline(chart.centre, color=GREY, lw=0.8)
+    axes.axhline(chart.centre, color=GREY, lw=GUIDE_PT)
     if chart.second is not None:
         axes.plot(times, chart.second, color=GREEN, marker="v", ms=3)
     for limit in (chart.upper, chart.lower):
@@ -94,18 +98,18 @@ def _draw_line(axes: Axes, times: np.ndarray, review: Review) -> None:
     drift, series = review.drift, review.series
     if drift is None:
         return
-    years = np.linspace(-drift.span_years, 0.25 * drift.span_years, 60)
+    years = np.linspace(-drift.span_years, _AHEAD * drift.span_years, _PLACES)
     forecasts = [drift.at(float(year)) for year in years]
     when = times.max() + (years * YEAR_DAYS * 86400e9).astype("timedelta64[ns]")
     low, high = np.array([one.interval_95 for one in forecasts]).T
     axes.plot(when, [one.value for one in forecasts], color=INK, lw=1.2, label=f"drift, {series.unit or '1'} per year")
-    axes.fill_between(when, low, high, color=AMBER, alpha=0.25, lw=0, label="95 % of single records")
+    axes.fill_between(when, low, high, color=AMBER, alpha=BAND_ALPHA, lw=0, label="95 % of single records")
 
 
 def _worth_showing(series: Series) -> bool:
     """Tell whether limits would not shrink the values to a line."""
     reach = np.abs(series.values - series.reference).max()
-    return series.limit is not None and series.limit < 20 * max(reach, 1e-300)
+    return series.limit is not None and series.limit < _FAR_LIMIT * max(reach, 1e-300)
 
 
 def _times(series: Series) -> np.ndarray:

@@ -8,12 +8,25 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from fringecal.camera import LensFit, ViewFit
-from fringecal.report.style import BLUE, GREY, MASKED, ORANGE, colourbar, image_axes, new_figure, styled
+from fringecal.report.style import (
+    BLUE,
+    GREY,
+    GUIDE_PT,
+    MASKED,
+    ORANGE,
+    SMALL_PT,
+    WIDTH_IN,
+    colourbar,
+    image_axes,
+    new_figure,
+    styled,
+)
 
 _TILE_PX = 480  # longest side of a picture as drawn
-_MOST_TILES = 20
+_MOST_TILES = 20  # pictures of the board: four rows on a sheet
 _COLUMNS = 5
-_LEVELS = 9
+_LEVELS = 9  # of the uncertainty, by equal factors
+_TILT_SCALE_DEG = 45.0  # end of the scale of tilts: boards are to be tilted by 20 to 40
 
 
 @styled
@@ -40,7 +53,7 @@ def boards_overlay(pictures: Sequence[tuple[str, np.ndarray, ViewFit | None]]) -
         handles=[
             axes.plot([], [], ls="", marker="o", ms=4, color=ORANGE, label="point, used")[0],
             axes.plot([], [], ls="", marker="x", ms=5, color=BLUE, label="point, left out")[0],
-            axes.plot([], [], color=ORANGE, lw=0.8, label="from the board's first point on")[0],
+            axes.plot([], [], color=ORANGE, lw=GUIDE_PT, label="from the board's first point on")[0],
         ],
         loc="outside lower center",
         ncols=3,
@@ -54,23 +67,23 @@ def _tile(axes: Axes, name: str, image: np.ndarray, view: ViewFit | None) -> Non
     axes.imshow(image[::step, ::step], extent=(-0.5, width - 0.5, height - 0.5, -0.5), cmap="gray")
     axes.set(xticks=[], yticks=[])
     if view is None:
-        axes.set_title(f"{name}: no board", fontsize=8, color=GREY)
+        axes.set_title(f"{name}: no board", fontsize=SMALL_PT, color=GREY)
         return
     axes.plot(*view.seen_px.T, color=ORANGE, lw=0.5, alpha=0.7)
     axes.plot(*view.seen_px.T, ls="", marker="o", ms=1.6, color=ORANGE)
     axes.plot(*view.left_out_px.T, ls="", marker="x", ms=5, color=BLUE)
-    axes.set_title(f"{name}: {view.rms_px:.2f} px, {view.tilt_deg:.0f}°", fontsize=8)
+    axes.set_title(f"{name}: {view.rms_px:.2f} px, {view.tilt_deg:.0f}°", fontsize=SMALL_PT)
 
 
 @styled
 def lens_coverage(fit: LensFit) -> Figure:
     """Draw which parts of the picture the points of the boards cover, coloured by the tilt of their board."""
-    figure = new_figure(7.0, 5.6)
+    figure = new_figure(WIDTH_IN, 5.6)
     axes = figure.subplots()
     points = np.concatenate([view.seen_px for view in fit.views])
     tilts = np.concatenate([np.full(len(view.seen_px), view.tilt_deg) for view in fit.views])
     drawn = axes.scatter(
-        points[:, 0], points[:, 1], c=tilts, s=7, cmap="viridis", vmin=0, vmax=max(45.0, float(tilts.max()))
+        points[:, 0], points[:, 1], c=tilts, s=7, cmap="viridis", vmin=0, vmax=max(_TILT_SCALE_DEG, float(tilts.max()))
     )
     _whole_picture(axes, fit)
     colourbar(axes, drawn, "tilt of the board / deg")
@@ -89,7 +102,7 @@ def lens_uncertainty_map(fit: LensFit, distance_mm: float) -> Figure:
     distance_mm
         Distance from the camera's centre; infinite for far points.
     """
-    figure = new_figure(7.0, 5.6)
+    figure = new_figure(WIDTH_IN, 5.6)
     axes = figure.subplots()
     lens = fit.lens
     u = fit.uncertainty_at_px(distance_mm).reshape(lens.map_shape)
@@ -101,7 +114,7 @@ def lens_uncertainty_map(fit: LensFit, distance_mm: float) -> Figure:
     axes.set_facecolor(MASKED)
     filled = axes.contourf(across, down, u, levels=levels, norm=shades, cmap="viridis")
     lines = axes.contour(across, down, u, levels=levels[1:-1], colors="white", linewidths=0.6)
-    axes.clabel(lines, fmt=lambda level: f"{level:.2g}", fontsize=8)
+    axes.clabel(lines, fmt=lambda level: f"{level:.2g}", fontsize=SMALL_PT)
     points = np.concatenate([view.seen_px for view in fit.views])
     axes.plot(*points.T, ls="", marker=".", ms=1.5, color="white", alpha=0.35)
     _whole_picture(axes, fit)

@@ -13,6 +13,8 @@ from fringecal.report.style import (
     HEIGHT_MAP,
     MASKED,
     PALETTE,
+    SCALE_PERCENT,
+    WIDTH_IN,
     colourbar,
     image_axes,
     new_figure,
@@ -21,8 +23,7 @@ from fringecal.report.style import (
     symmetric_limit,
 )
 
-# More nodes than this along a side are finer than a report can print.
-_LONGEST_SIDE = 900
+_LONGEST_SIDE = 900  # nodes; more are finer than a report can print
 
 
 @styled
@@ -77,7 +78,7 @@ def uncertainty_map(x_mm: np.ndarray, y_mm: np.ndarray, u_mm: np.ndarray, *, tit
         What was measured.
     """
     grid = _thinned(x_mm, y_mm, u_mm, max_jump_mm=np.inf)
-    low, high = np.nanpercentile(u_mm, [1, 99])
+    low, high = np.nanpercentile(u_mm, SCALE_PERCENT)
     return _plate_map(grid, "u(z) / mm", (low, high), title=title)
 
 
@@ -105,7 +106,7 @@ def residual_map(
     title
         Which capture.
     """
-    figure = new_figure(7.0, 5.4)
+    figure = new_figure(WIDTH_IN, 5.4)
     axes = figure.subplots()
     limit = symmetric_limit(residual_rad) if limit_rad is None else limit_rad
     axes.set_facecolor(MASKED)
@@ -136,7 +137,7 @@ def classification_overlay(
     title
         Which capture.
     """
-    figure = new_figure(7.0, 5.6)
+    figure = new_figure(WIDTH_IN, 5.6)
     axes = figure.subplots()
     extent = _extent(picture.shape)
     axes.imshow(_shrunk(picture), extent=extent, cmap="gray")
@@ -170,7 +171,7 @@ def _plate_map(
     title: str = "",
 ) -> Figure:
     """Draw a grid in the plate frame; without limits the scale holds every value."""
-    figure = new_figure(7.0, 5.2)
+    figure = new_figure(WIDTH_IN, 5.2)
     axes = figure.subplots()
     half = grid.spacing_mm / 2
     extent = (grid.x_mm[0] - half, grid.x_mm[-1] + half, grid.y_mm[0] - half, grid.y_mm[-1] + half)

@@ -13,13 +13,16 @@ from fringecal.report.style import (
     BLUE,
     GREEN,
     GREY,
+    GUIDE_PT,
     HEIGHT_MAP,
     INK,
     MASKED,
     ORANGE,
     PHASE_MAP,
     PURPLE,
+    SCALE_PERCENT,
     SKY,
+    WIDTH_IN,
     colourbar,
     image_axes,
     new_figure,
@@ -34,7 +37,7 @@ _REASONS = (
     (Reason.SATURATED, "saturated", ORANGE),
     (Reason.OUTSIDE, "outside", GREEN),
 )
-_LONGEST_SIDE = 1800
+_LONGEST_SIDE = 1800  # pixels; more are finer than a report can print, and phase must not be averaged
 # The cyclic scale passes through light grey and black: no phase is drawn in a colour that it lacks.
 _NO_PHASE = "#8fbf8f"
 
@@ -50,7 +53,7 @@ def wrapped_phase(map_: PhaseMap, *, title: str = "") -> Figure:
     title
         Which capture.
     """
-    figure = new_figure(7.0, 5.4)
+    figure = new_figure(WIDTH_IN, 5.4)
     axes = figure.subplots()
     _phase(axes, map_)
     axes.set_title(title)
@@ -105,6 +108,7 @@ def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
     return figure
 
 
+_LEAST_RIPPLE_RAD = 0.02  # of a scale: what is smaller matters little, and must not look large
 _CAUSES = {1: "lamp", 2: "steps"}
 _PHASE_TICKS = ([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
 
@@ -117,9 +121,9 @@ def _error(axes: Axes, diagnosis: Diagnosis) -> None:
         return
     phase = np.linspace(-np.pi, np.pi, 361)
     error = np.sum([(r * np.exp(-1j * k * phase)).real for k, r in diagnosis.ripple.items()], axis=0)
-    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=GUIDE_PT)
     axes.plot(phase, error, color=BLUE, label=f"rms {error.std():.4f} rad")
-    largest = max(0.02, 1.4 * float(np.abs(error).max()))
+    largest = max(_LEAST_RIPPLE_RAD, 1.4 * float(np.abs(error).max()))
     axes.set_ylim(-largest, largest)
     axes.set_xticks(*_PHASE_TICKS)
     axes.set_xlabel("phase / rad")
@@ -142,7 +146,7 @@ def _ripple(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.set_xticks(list(places), [f"{k}\n{causes.get(k, '')}" for k in orders])
     axes.set_xlabel("order: ripples per fringe, and usual cause")
     axes.set_ylabel("amplitude / rad")
-    axes.set_ylim(0, max(0.02, 1.1 * max(amplitudes)))
+    axes.set_ylim(0, max(_LEAST_RIPPLE_RAD, 1.1 * max(amplitudes)))
 
 
 def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
@@ -174,7 +178,7 @@ def _frames(axes: Axes, diagnosis: Diagnosis) -> None:
     error, u = np.rad2deg(steps.errors_rad), np.rad2deg(steps.u_rad)
     axes.bar(places - 0.2, error, 0.36, yerr=2 * u, color=BLUE, ecolor=INK, label="step - stated / deg (bars: 2 u)")
     axes.bar(places + 0.2, 100 * (steps.gain_per_frame - 1), 0.36, color=AMBER, label="modulation - mean / %")
-    axes.axhline(0, color=INK, linewidth=0.8)
+    axes.axhline(0, color=INK, linewidth=GUIDE_PT)
     largest = max(1.0, np.abs(error).max(), 100 * np.abs(steps.gain_per_frame - 1).max())
     axes.set_ylim(-1.2 * largest, 1.6 * largest)  # room for the legend
     axes.set_xticks(places, [f"{k + 1}" for k in places])
@@ -202,7 +206,7 @@ def _phase(axes: Axes, map_: PhaseMap) -> None:
 def _scalar(axes: Axes, values: np.ndarray, label: str, *, from_zero: bool) -> None:
     """Draw a map on a scale that ends where 99 % of its pixels do."""
     finite = values[np.isfinite(values)]
-    low, high = np.percentile(finite, [1, 99]) if finite.size else (0.0, 1.0)
+    low, high = np.percentile(finite, SCALE_PERCENT) if finite.size else (0.0, 1.0)
     image = map_picture(axes, values)
     image.set(cmap=HEIGHT_MAP, clim=(0.0 if from_zero else low, high if high > 0 else 1.0))
     colourbar(axes, image, label, extend="max" if from_zero else "both")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from fringecal.report.style import AMBER, BLUE, GREY, INK, new_figure, styled, symmetric_limit
+from fringecal.report.style import AMBER, BAND_ALPHA, BLUE, GREY, GUIDE_PT, INK, new_figure, styled, symmetric_limit
 from fringecal.uncertainty import coverage_factor
 
 _K_95 = coverage_factor()  # a single pixel's u is taken as exactly known
@@ -49,7 +49,7 @@ def profile_plot(
         measured_mm - half,
         measured_mm + half,
         color=BLUE,
-        alpha=0.25,
+        alpha=BAND_ALPHA,
         lw=0,
         label="95 % interval",
     )
@@ -57,8 +57,8 @@ def profile_plot(
     above.plot(position_mm, measured_mm, color=BLUE, label="measured")
     above.set_ylabel("height z / mm")
     above.set_title(title)
-    below.fill_between(position_mm, error_mm - half, error_mm + half, color=BLUE, alpha=0.25, lw=0)
-    below.axhline(0.0, color=GREY, lw=0.8)
+    below.fill_between(position_mm, error_mm - half, error_mm + half, color=BLUE, alpha=BAND_ALPHA, lw=0)
+    below.axhline(0.0, color=GREY, lw=GUIDE_PT)
     below.plot(position_mm, error_mm, color=BLUE, lw=1.0)
     below.set(xlabel=position_label, ylabel="error / mm")
     _limit_to_kept(below, error_mm, half, left_out)
@@ -95,7 +95,7 @@ def sections_plot(
     panels = figure.subplots(len(names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
     for axes, x, z, u, name in zip(panels, positions_mm, heights_mm, u_mm, names, strict=True):
         half = _K_95 * u
-        axes.fill_between(x, z - half, z + half, color=BLUE, alpha=0.25, lw=0, label="95 % interval")
+        axes.fill_between(x, z - half, z + half, color=BLUE, alpha=BAND_ALPHA, lw=0, label="95 % interval")
         axes.plot(x, z, color=BLUE, lw=1.0, label="measured")
         axes.grid(visible=True, axis="y")
         axes.set_title(name, loc="left", fontsize=9.5)

@@ -1,5 +1,6 @@
 """The rig to scale, from the side and from above."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,12 +9,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Ellipse, Rectangle
 
-from fringecal.report.style import AMBER, BLUE, GREY, INK, ORANGE, SKY, new_figure, styled
+from fringecal.report.style import AMBER, BLUE, GREY, GUIDE_PT, INK, ORANGE, SKY, new_figure, styled
+from fringecal.uncertainty import COVERAGE
 
 _AXES = "xyz"
 _CROSS: dict[str, Any] = {"marker": "x", "color": INK, "ms": 9.0, "mew": 1.2, "zorder": 4}
-# Square root of the 95 % point of chi-squared with 2 degrees of freedom.
-_K_PLANE = 2.4477
+# Half axis of a 95 % region over the standard uncertainty: root of the 95 % point of chi-squared with two degrees of
+# freedom, 2.4477.
+_K_PLANE = math.sqrt(-2 * math.log(1 - COVERAGE))
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ def _draw_rays(
 
 def _draw_parallel_rays(axes: Axes, along: int, plate_mm: tuple[float, ...], height_mm: float) -> None:
     places = np.linspace(plate_mm[2 * along], plate_mm[2 * along + 1], 5)
-    axes.vlines(places, 0, height_mm, color=SKY, lw=0.8, label="camera, telecentric")
+    axes.vlines(places, 0, height_mm, color=SKY, lw=GUIDE_PT, label="camera, telecentric")
 
 
 def _draw_pupil(axes: Axes, pupil: Pupil, plane: tuple[int, int], colour: str) -> None:
@@ -130,7 +133,7 @@ def _draw_angle(axes: Axes, projector_mm: np.ndarray, along: int) -> None:
     angle_deg = np.degrees(np.arctan2(abs(offset), height))
     radius = 0.35 * height
     start = 90.0 - angle_deg if offset > 0 else 90.0
-    axes.vlines(0, 0, 1.15 * radius, color=GREY, lw=0.8, ls=":")
+    axes.vlines(0, 0, 1.15 * radius, color=GREY, lw=GUIDE_PT, ls=":")
     axes.add_patch(Arc((0, 0), 2 * radius, 2 * radius, theta1=start, theta2=start + angle_deg, color=INK))
     middle = np.radians(90.0 - np.copysign(angle_deg / 2, offset))
     axes.annotate(

@@ -9,8 +9,10 @@ from matplotlib.ticker import MaxNLocator
 from fringecal.errors import RecordError
 from fringecal.report.style import HEIGHT_MAP, new_figure, styled
 
-_FACETS_PER_SIDE = 160
-_FLAT_TICKS = 3
+_FACETS_PER_SIDE = 160  # more are finer than the picture shows
+_TICKS, _FLAT_TICKS = 5, 3  # of the height, and on a flat box
+_FLAT = 0.25  # of the longest side: a box that is lower is flat
+_LEAST_SIDE = 0.02  # of the longest side: a box without height cannot be drawn
 
 
 @styled
@@ -66,9 +68,9 @@ def surface_view(
         clip_on=False,  # the box may reach beyond its axes
     )
     spans = np.array([np.nanmax(part) - np.nanmin(part) for part in (x, y, z)])
-    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), 0.02 * spans.max()), zoom=1.1)
+    axes.set_box_aspect(np.maximum(spans * (1, 1, exaggeration), _LEAST_SIDE * spans.max()), zoom=1.1)
     # On a flat box more ticks would overlap; the colours tell heights between them.
-    axes.zaxis.set_major_locator(MaxNLocator(_FLAT_TICKS if spans[2] * exaggeration < 0.25 * spans.max() else 5))
+    axes.zaxis.set_major_locator(MaxNLocator(_FLAT_TICKS if spans[2] * exaggeration < _FLAT * spans.max() else _TICKS))
     bar = figure.colorbar(drawn, ax=axes, shrink=0.6, pad=0.12)  # beside the label of the axis
     bar.set_label(f"height z / {unit}")
     axes.view_init(elev=32, azim=-65)

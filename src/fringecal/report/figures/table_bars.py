@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fringecal.report.style import BLUE, GREY, ORANGE, new_figure, styled
+from fringecal.report.style import BAND_ALPHA, BLUE, GREY, GUIDE_PT, ORANGE, WIDTH_IN, new_figure, styled
 
 
 @styled
@@ -23,7 +23,7 @@ def budget_bars(labels: Sequence[str], percents: Sequence[float], *, title: str 
     """
     order = np.argsort(percents, kind="stable")
     shares = np.asarray(percents, dtype=float)[order]
-    figure = new_figure(7.0, 1.5 + 0.32 * len(labels))
+    figure = new_figure(WIDTH_IN, 1.5 + 0.32 * len(labels))
     axes = figure.subplots()
     bars = axes.barh(np.arange(len(labels)), shares, color=BLUE, height=0.65)
     axes.bar_label(bars, labels=[f"{share:.1f} %" for share in shares], padding=4, fontsize=9)
@@ -60,9 +60,9 @@ def comparison_bars(
         Which artefact.
     """
     place = np.arange(len(names))
-    figure = new_figure(7.0, 1.7 + 0.42 * len(names))
+    figure = new_figure(WIDTH_IN, 1.7 + 0.42 * len(names))
     axes = figure.subplots()
-    axes.barh(place, max_abs, color=BLUE, alpha=0.25, height=0.7, label="largest absolute error")
+    axes.barh(place, max_abs, color=BLUE, alpha=BAND_ALPHA, height=0.7, label="largest absolute error")
     axes.errorbar(
         mean,
         place,
@@ -73,7 +73,7 @@ def comparison_bars(
         capsize=3,
         label="mean error, one standard deviation",
     )
-    axes.axvline(0.0, color=GREY, lw=0.8)
+    axes.axvline(0.0, color=GREY, lw=GUIDE_PT)
     axes.set_yticks(place, names)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)

@@ -7,7 +7,7 @@ import numpy as np
 from fringecal.records import software_versions
 from fringecal.report import DOUBT, Fact, FigureItem, Report, Section, Table, Verdict, coverage_bars, z_histograms
 from fringecal.workflows.shared import checks_table, severest
-from fringecal.workflows.study.coverage_summary import StudySummary
+from fringecal.workflows.study.coverage_summary import WANTED, StudySummary
 
 _NOTE = (
     "error = found - true; spread: standard deviation of the errors; stated u: root mean square; coverage of 95 % "
@@ -56,7 +56,8 @@ def coverage_table(summary: StudySummary) -> Table:
 
 def _figures(summary: StudySummary) -> tuple[FigureItem, ...]:
     quantities = summary.quantities
-    bars = coverage_bars([q.name for q in quantities], [q.coverage for q in quantities], [q.band for q in quantities])
+    shares, bands = [q.coverage for q in quantities], [q.band for q in quantities]
+    bars = coverage_bars([q.name for q in quantities], shares, bands, wanted=WANTED)
     # Heights of one rig err together: their histogram is fuller than that of one point, not more certain.
     scores = {q.name: q.z for q in quantities if q.unit != "mm"}
     if heights := [q.z for q in quantities if q.unit == "mm"]:
