@@ -9,10 +9,15 @@ from fringecal.errors import DetectionError
 FloatArray = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
+#: Shorter side of a picture in which a pattern is sought: four of the smallest cells that are told apart.
 MIN_SIDE_PX = 40
+#: Percentiles that become black and white: no dead and no hot pixel.
+DARKEST, BRIGHTEST = 0.1, 99.9
+#: Range below which a picture has one single brightness, grey levels.
+NO_RANGE = 1e-12
 #: A ChArUco may be partly covered; fewer corners than these do not fix its pose and scale.
 MIN_CHARUCO_CORNERS = 8
-#: Neither search finds all boards that the other one does.
+#: Tried in turn: neither search finds all boards that the other one does.
 CHESSBOARD_SEARCHES = (
     cv2.CALIB_CB_ACCURACY,
     cv2.CALIB_CB_ACCURACY | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_NORMALIZE_IMAGE,
@@ -165,5 +170,5 @@ def _as_bytes(image: npt.NDArray[np.generic]) -> Grey:
     grey = image.astype(float)
     if not np.isfinite(grey).all() or np.ptp(grey) == 0:
         raise DetectionError("the picture holds NaN, infinite values or one single brightness")
-    low, high = np.percentile(grey, (0.1, 99.9))
-    return np.clip((grey - low) * 255 / max(high - low, 1e-12), 0, 255).astype(np.uint8)
+    low, high = np.percentile(grey, (DARKEST, BRIGHTEST))
+    return np.clip((grey - low) * 255 / max(high - low, NO_RANGE), 0, 255).astype(np.uint8)

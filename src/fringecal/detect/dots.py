@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from fringecal.detect.boards import BRIGHTEST, DARKEST, MIN_SIDE_PX, NO_RANGE
 from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
@@ -17,19 +18,34 @@ from fringecal.numerics import robust_sd
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+#: Dots of five rows and columns: fewer show no lens.
 MIN_DOTS = 25
+#: Pixels of a blob: of smaller ones a centroid is no better than the raster.
 MIN_AREA_PX = 9
 #: Blobs whose area differs from the median by more than these factors are dirt, or dots that touch.
 AREA_FACTORS = (0.3, 3.0)
+#: The same against the blobs around, as a share: a cover, or the end of the light, cuts more off.
 LOCAL_AREA = 0.25
+#: Blobs that are looked at for that, itself among them: those of a 3 x 3 square.
 NEIGHBOURS = 9
+#: A blob that is longer than this many times its width is no dot, even if the board is seen obliquely (66 deg).
+MAX_ELONGATION = 2.5
+#: Pixels from the picture's border within which a blob is cut.
+RIM_PX = 2
 #: A dot farther from midway between its neighbours than this many times the usual distance carries dirt.
 OFF_SCATTERS = 15.0
 #: A centroid is taken over all pixels darker than this part of the dot's contrast.
 EDGE_PART = 0.15
 #: A neighbour is accepted within this part of the step from where it is expected.
 NEAR = 0.25
+#: Share of the blobs that must be found in one pattern: else they are something else than dots.
 MIN_INDEXED = 0.6
+#: The ground is the median over 5 x 5 pixels of the picture reduced by 8: 40 px, over which light is even.
+GROUND_REDUCED, GROUND_MEDIAN_PX = 8, 5
+#: Every so many pixels are looked at for the picture's range.
+RANGE_STRIDE = 4
+#: Standard deviation of a centroid that is never undercut, and that of a board whose rows are too short to tell it, px.
+MIN_SIGMA_PX, UNKNOWN_SIGMA_PX = 1e-3, 0.05
 
 
 def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
@@ -66,8 +82,10 @@ def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
     (9, 8)
     """
     grey = np.asarray(image, dtype=np.float32)
-    if grey.ndim != 2 or min(grey.shape) < 40 or not np.isfinite(grey).all() or np.ptp(grey) == 0:
-        raise DetectionError(f"dots are sought in a finite grey picture (H, W) of 40 px or more, got {grey.shape}")
+    if grey.ndim != 2 or min(grey.shape) < MIN_SIDE_PX or not np.isfinite(grey).all() or np.ptp(grey) == 0:
+        raise DetectionError(
+            f"dots are sought in a finite grey picture (H, W) of {MIN_SIDE_PX} px or more, got {grey.shape}"
+        )
     found = [_centroids(sign * grey) for sign in (-1, 1)]
     dark = len(found[0][0]) >= len(found[1][0])
     points, diameter = found[0 if dark else 1]
@@ -87,7 +105,9 @@ def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
 
 def _centroids(bright: npt.NDArray[np.float32]) -> tuple[FloatArray, float]:
     """Centroids (n, 2) of bright blobs of one size, px, and their median diameter."""
-    ground = cv2.medianBlur(cv2.resize(_bytes(bright), None, fx=0.125, fy=0.125, interpolation=cv2.INTER_AREA), 5)
+    part = 1 / GROUND_REDUCED
+    reduced = cv2.resize(_bytes(bright), None, fx=part, fy=part, interpolation=cv2.INTER_AREA)
+    ground = cv2.medianBlur(reduced, GROUND_MEDIAN_PX)
     level = cv2.resize(ground, bright.shape[::-1], interpolation=cv2.INTER_LINEAR)
     flat = _bytes(bright).astype(np.int16) - level
     core, _ = cv2.threshold(np.clip(flat, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_OTSU)
@@ -115,29 +135,30 @@ def _like_neighbours(stats: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
 
 
 def _bytes(bright: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-    low, high = np.percentile(bright[::4, ::4], (0.1, 99.9))
-    return np.clip((bright - low) * (255 / max(high - low, 1e-12)), 0, 255).astype(np.uint8)
+    low, high = np.percentile(bright[::RANGE_STRIDE, ::RANGE_STRIDE], (DARKEST, BRIGHTEST))
+    return np.clip((bright - low) * (255 / max(high - low, NO_RANGE)), 0, 255).astype(np.uint8)
 
 
 def _inside(stats: npt.NDArray[np.int32], shape: tuple[int, ...]) -> npt.NDArray[np.bool_]:
     """Blobs that do not touch the picture's border and are about as wide as high."""
     left, top, width, height = stats[:, :4].T
-    whole = (left > 2) & (top > 2) & (left + width < shape[1] - 2) & (top + height < shape[0] - 2)
-    return whole & (np.maximum(width, height) < 2.5 * np.minimum(width, height))
+    begins = (left > RIM_PX) & (top > RIM_PX)
+    ends = (left + width < shape[1] - RIM_PX) & (top + height < shape[0] - RIM_PX)
+    return begins & ends & (np.maximum(width, height) < MAX_ELONGATION * np.minimum(width, height))
 
 
 def _weighted_centres(bright: npt.NDArray[np.float32], stats: npt.NDArray[np.int32]) -> FloatArray:
     """Centroids of the brightness above the ground around each blob."""
     centres = np.empty((len(stats), 2))
     for n, (left, top, width, height, _) in enumerate(stats):
-        margin = 2 + max(width, height) // 4
+        margin = 2 + max(width, height) // 4  # for the blurred edge, and some ground
         rows = slice(max(top - margin, 0), top + height + margin)
         columns = slice(max(left - margin, 0), left + width + margin)
         window = bright[rows, columns].astype(float)
         ground = np.median(np.concatenate([window[0], window[-1], window[:, 0], window[:, -1]]))
         weight = np.maximum(window - ground, 0.0)
         weight[weight < EDGE_PART * weight.max()] = 0.0
-        total = max(weight.sum(), 1e-12)
+        total = max(weight.sum(), NO_RANGE)
         centres[n] = (
             columns.start + (weight.sum(axis=0) @ np.arange(weight.shape[1])) / total,
             rows.start + (weight.sum(axis=1) @ np.arange(weight.shape[0])) / total,
@@ -171,7 +192,7 @@ def _indexed(points: FloatArray) -> IntArray:
 
 def _first_steps(points: FloatArray, tree: KDTree, middle: int) -> FloatArray:
     """Steps (2, 2) from the middle dot to its neighbours along columns and rows."""
-    _, near = tree.query(points[middle], k=5)
+    _, near = tree.query(points[middle], k=5)  # itself and four
     arms = points[near[1:]] - points[middle]
     along = arms[np.argmax(arms[:, 0])]
     down = arms[np.argmax(arms[:, 1])]
@@ -216,4 +237,4 @@ def _scatter_px(site: IntArray, points: FloatArray) -> float:
     bend = nodes[:, 3:] - 3 * nodes[:, 2:-1] + 3 * nodes[:, 1:-2] - nodes[:, :-3]
     seen = bend[np.isfinite(bend)]
     # The third difference of independent errors has 1 + 9 + 9 + 1 = 20 times their variance.
-    return max(1e-3, robust_sd(seen, about=0) / np.sqrt(20)) if seen.size else 0.05
+    return max(MIN_SIGMA_PX, robust_sd(seen, about=0) / np.sqrt(20)) if seen.size else UNKNOWN_SIGMA_PX

@@ -16,16 +16,24 @@ from fringecal.numerics import robust_sd
 
 Array = NDArray[np.float64]
 
-_LEAST_COLUMNS = 12  # of a piece: shorter ones are specks
-_LEAST_SHARE = 0.15  # of the line's usual peak, below which a column is dark
-_LEAST_SIGMAS = 6.0  # peak over the picture's own noise
-_SMOOTH_PX = 2.0  # of the light across the line, before its peak is sought
+_LEAST_SIDE_PX = 32  # of a picture: the window about a line, and some ground
+# A column shows the line if its peak is above all of these: share of the line's usual peak (the 90th percentile: most
+# columns are lit), standard deviations of the picture's noise, and grey levels, which rounding alone reaches.
+_LEAST_SHARE, _USUAL_PERCENTILE, _LEAST_SIGMAS, _LEAST_LEVELS = 0.15, 90, 6.0, 2.0
+_SMOOTH_PX, _ALONG_PX = 2.0, 1.0  # smoothing of the light across and along the line, before its peak is sought
 _WINDOW_PX = 12  # half width about the peak over which the centre is taken
-_JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
-_CLEAR_SIGMAS = 5.0
-_PARTS = 8  # of a piece, whose levels tell how well its own is known
-_LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
+_FOOT = 0.3  # of the peak, below which light does not count for the centre: it is the line's uneven foot
 _CONCENTRATED = 0.35  # of a column's light that lies within the window: a lit scene spreads it
+_LIGHT_SIGMAS = 2.0  # of the noise, from which light counts for that
+_NO_LIGHT = 1e-12  # grey levels, instead of a division by 0
+_LEAST_COLUMNS = 12  # of a piece: shorter ones are specks
+_GAP_PX = 2  # columns from one to the next that a piece passes: one dark column between
+_JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
+_CLEAR_SIGMAS = 5.0  # standard uncertainties of a break's shift from which it is one: relief is not normal noise
+_PARTS = 8  # of a piece, whose levels tell how well its own is known
+_LEAST_SCATTER_PX = 0.1  # of columns: no centre of a line is known better, whatever a short piece shows
+_CORRELATED = 4  # standard deviations of the smoothing over which columns hang together
+_LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
 
 
 @dataclass(frozen=True)
@@ -72,8 +80,10 @@ def line_breaks(image: ArrayLike) -> LineTrace:
         No line, or one that is seen in too few columns.
     """
     grey = np.asarray(image, float)
-    if grey.ndim != 2 or min(grey.shape) < 32 or not np.isfinite(grey).all():
-        raise DetectionError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 32 px or more")
+    if grey.ndim != 2 or min(grey.shape) < _LEAST_SIDE_PX or not np.isfinite(grey).all():
+        raise DetectionError(
+            f"found a picture of shape {grey.shape}; needed: (height, width), finite, {_LEAST_SIDE_PX} px or more"
+        )
     centre = _centres(grey - np.median(grey, axis=0))
     pieces = _pieces(centre)
     if not pieces:
@@ -85,18 +95,19 @@ def line_breaks(image: ArrayLike) -> LineTrace:
 
 def _centres(light: Array) -> Array:
     """Mean place of the light about its peak, column by column."""
-    smooth = ndimage.gaussian_filter(light, (_SMOOTH_PX, 1.0))
+    smooth = ndimage.gaussian_filter(light, (_SMOOTH_PX, _ALONG_PX))
     peak = smooth.argmax(axis=0)
     height = smooth.max(axis=0)
     noise = robust_sd(smooth)
-    bright = height > max(_LEAST_SHARE * float(np.percentile(height, 90)), _LEAST_SIGMAS * noise, 2.0)
+    usual = float(np.percentile(height, _USUAL_PERCENTILE))
+    bright = height > max(_LEAST_SHARE * usual, _LEAST_SIGMAS * noise, _LEAST_LEVELS)
     rows = np.arange(light.shape[0])[:, None]
     near = np.abs(rows - peak) <= _WINDOW_PX
-    weight = np.where(near, np.clip(smooth - 0.3 * height, 0, None), 0.0)
+    weight = np.where(near, np.clip(smooth - _FOOT * height, 0, None), 0.0)
     total = weight.sum(axis=0)
-    lit = np.clip(smooth - 2 * noise, 0, None)
+    lit = np.clip(smooth - _LIGHT_SIGMAS * noise, 0, None)
     alone = (lit * near).sum(axis=0) > _CONCENTRATED * lit.sum(axis=0)
-    return np.where(bright & alone & (total > 0), (weight * rows).sum(axis=0) / np.maximum(total, 1e-12), np.nan)
+    return np.where(bright & alone & (total > 0), (weight * rows).sum(axis=0) / np.maximum(total, _NO_LIGHT), np.nan)
 
 
 def _pieces(centre: Array) -> list[NDArray[np.intp]]:
@@ -104,7 +115,7 @@ def _pieces(centre: Array) -> list[NDArray[np.intp]]:
     seen = np.flatnonzero(np.isfinite(centre))
     if seen.size == 0:
         return []
-    cut = (np.diff(seen) > 2) | (np.abs(np.diff(centre[seen])) > _JUMP_PX)
+    cut = (np.diff(seen) > _GAP_PX) | (np.abs(np.diff(centre[seen])) > _JUMP_PX)
     return [run for run in np.split(seen, np.flatnonzero(cut) + 1) if run.size >= _LEAST_COLUMNS]
 
 
@@ -119,7 +130,7 @@ def _base(centre: Array, pieces: list[NDArray[np.intp]]) -> tuple[float, float]:
     a, b = guesses[int(np.argmax(counts))]
     if abs(outer[0] - outer[1]) < 2 * _JUMP_PX:
         a = float(np.mean(outer))
-    for limit in (3 * _JUMP_PX, _JUMP_PX, _JUMP_PX):
+    for limit in (3 * _JUMP_PX, _JUMP_PX, _JUMP_PX):  # the first guess may slope
         near = np.abs(places - a - b * columns) < limit
         if np.count_nonzero(near) < _LEAST_COLUMNS:
             break
@@ -152,6 +163,6 @@ def _sigma(off: Array) -> float:
 
     No less than the scatter of columns gives, which hang together over the smoothing's length.
     """
-    columns = max(float(np.std(off)), 0.1) / np.sqrt(max(off.size / (4 * _SMOOTH_PX), 1.0))
+    columns = max(float(np.std(off)), _LEAST_SCATTER_PX) / np.sqrt(max(off.size / (_CORRELATED * _SMOOTH_PX), 1.0))
     parts = [float(np.median(part)) for part in np.array_split(off, min(_PARTS, off.size))]
     return float(max(columns, np.std(parts, ddof=1) / np.sqrt(len(parts))))

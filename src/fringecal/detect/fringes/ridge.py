@@ -18,7 +18,9 @@ Array = NDArray[np.float64]
 
 _ACROSS = 1 / (2 * math.pi)  # of a period: standard deviation of the smoothing across the fringe
 _ALONG_PX = 1.0  # standard deviation of the smoothing along the fringe
-_LEAST_PERIOD_PX = 5.0
+_LEAST_ACROSS_PX = 0.8  # of it: a narrower kernel is none on the raster of pixels
+_LEAST_SIDE_PX = 16  # of a picture: three fringes of the finest
+_LEAST_PERIOD_PX = 5.0  # the straight line between two pixels then errs by less than 0.03 px
 _BORDER_KERNELS = 2.0  # standard deviations of the kernel from the picture's border that hold no centre
 _LEAST_SLOPE = 0.2  # of the picture's usual slope at a centre, below which a crossing is noise
 
@@ -82,7 +84,7 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
     grey = _checked(image, period_px)
     if along == "columns":
         return ridge_centres(grey.T, period_px).swapped()
-    across = max(_ACROSS * period_px, 0.8)
+    across = max(_ACROSS * period_px, _LEAST_ACROSS_PX)
     slope = ndimage.gaussian_filter(grey, (across, _ALONG_PX), order=(1, 0), mode="nearest")
     rows, columns = np.nonzero((slope[:-1] > 0) != (slope[1:] > 0))
     above, below = slope[rows, columns], slope[rows + 1, columns]
@@ -98,8 +100,10 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
 
 def _checked(image: ArrayLike, period_px: float) -> Array:
     grey = np.asarray(image, float)
-    if grey.ndim != 2 or min(grey.shape) < 16 or not np.isfinite(grey).all():
-        raise DetectionError(f"found a picture of shape {grey.shape}; needed: (height, width), finite, 16 px or more")
+    if grey.ndim != 2 or min(grey.shape) < _LEAST_SIDE_PX or not np.isfinite(grey).all():
+        raise DetectionError(
+            f"found a picture of shape {grey.shape}; needed: (height, width), finite, {_LEAST_SIDE_PX} px or more"
+        )
     if not period_px >= _LEAST_PERIOD_PX:
         raise DetectionError(
             f"fringes of {period_px:.1f} px have no centres that could be told apart; at least {_LEAST_PERIOD_PX:g} px "
@@ -115,12 +119,12 @@ def grey_noise(grey: Array) -> float:
     """
     spread = min(robust_sd(np.diff(grey, 2, axis=axis), about=0) for axis in (0, 1))
     # Rounding to whole levels leaves at least the noise of rounding.
-    return max(spread / math.sqrt(6), UNIFORM_SD)
+    return max(spread / math.sqrt(6), UNIFORM_SD)  # 1 + 4 + 1 is the variance of a second difference
 
 
 def _kernel_norm(across: float) -> float:
     """Root of the sum of squares of the kernel: noise of the slope for noise 1 of the picture."""
-    reach = int(4 * max(across, _ALONG_PX)) + 2
+    reach = int(4 * max(across, _ALONG_PX)) + 2  # as far as gaussian_filter cuts its kernel, and a rim
     point = np.zeros((2 * reach + 1,) * 2)
     point[reach, reach] = 1.0
     return float(np.linalg.norm(ndimage.gaussian_filter(point, (across, _ALONG_PX), order=(1, 0))))

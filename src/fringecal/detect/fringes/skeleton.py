@@ -10,7 +10,7 @@ from fringecal.errors import DetectionError
 Array = NDArray[np.float32]
 
 _LEAST_PERIOD_PX = 6.0  # three bright and three dark pixels, of which filtering leaves two each
-_FINE_PX = 12.0
+_FINE_PX = 12.0  # period below which the median moves the edges: the picture is then doubled
 _FILTERED = 1 / 3  # noise that a mean over nine pixels leaves; the median before it takes hardly any more
 
 

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from fringecal.detect.grid.lattice import Lattice
 from fringecal.detect.grid.line_profile import LineProfile
-from fringecal.detect.grid.nodes import Edges, along, edges_between
+from fringecal.detect.grid.nodes import NO_LENGTH_PX, Edges, along, edges_between
 from fringecal.detect.grid.seeds import CoarseGrid
 from fringecal.errors import DetectionError
 
@@ -17,11 +17,20 @@ FloatArray = npt.NDArray[np.float64]
 
 # Part of the lattice's edges along which a line is seen: near 1 for a grid, about 1/2 for false lattices.
 MIN_PRESENT = 0.6
+# A line is seen on an edge if it stands out by this part of the range of brightness in a cell: a ghost of a line does
+# so by less.
 MIN_RELATIVE_EDGE = 0.2
+# Edges, cells or nodes that are looked at, evenly spread over the lattice: a share of them is known to 4 %.
 MAX_CANDIDATE_EDGES = 200
+# Fewer edges of a family than this say nothing of lines.
+MIN_EDGES = 4
+# Extrema of a lattice from which it is named in a refusal: five by five.
 MIN_PATTERN = 25
+# Rounds of leaving out what hangs on by points alone and growing anew; a slip is gone after the first.
 MAX_REGROWTHS = 3
+# Lines wider than this part of their spacing are the squares of a chessboard.
 MAX_RELATIVE_WIDTH = 0.55
+# The contrast half-way along an edge, as part of that nearer to its ends: a line keeps it, between dots it drops.
 MIN_MIDDLE_CONTRAST = 0.6
 # Brightness half-way between extrema, from 0 (as they) to 1 (as the cells' middle): on stripes the extrema are joined
 # one way and apart the other; on a chessboard it is 1/2 both ways; of dots 1, and between dots 0.
@@ -33,6 +42,11 @@ CELL_PARTS = np.linspace(0.0, 1.0, 11)
 SHEARS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 # Places on an edge, as parts of its length, that are clear of both crossings.
 THIRDS = ((0.3, 0.34, 0.38), (0.46, 0.5, 0.54), (0.62, 0.66, 0.7))
+# Places across an edge, as parts of the spacing: ground to either side, clear of this line and the next, and the line,
+# sampled at least so often and closely enough not to step over one that is a pixel wide.
+BESIDE = (0.3, 0.35, 0.4)
+LINE_PART = 0.1
+MIN_LINE_SAMPLES, SAMPLES_PER_PX = 5, 0.3
 
 
 def choose_coarse(grey: npt.NDArray[np.float32], candidates: list[CoarseGrid]) -> CoarseGrid:
@@ -143,7 +157,7 @@ def _line_evidence(grey: npt.NDArray[np.float32], candidate: CoarseGrid) -> tupl
     present, typical = 1.0, np.inf
     for family in (0, 1):
         edges = edges_between(nodes, family)
-        if len(edges.line) < 4:
+        if len(edges.line) < MIN_EDGES:
             return 0.0, 0.0
         contrast = _contrast_at_thirds(grey, edges, candidate.sign, peak=True).min(axis=0)
         present = min(present, float(np.mean(contrast > least)))
@@ -161,16 +175,17 @@ def _contrast_at_thirds(
     pick = np.unique(np.linspace(0, len(edges.line) - 1, most).astype(int))
     start, step, spacing = edges.start[pick], (edges.end - edges.start)[pick], edges.spacing[pick]
     normal = np.stack([-step[:, 1], step[:, 0]], axis=1)
-    normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), 1e-9))[:, None]
-    # Close enough samples not to step over a line one pixel wide.
-    central = np.linspace(-0.1, 0.1, max(5, int(0.3 * np.median(spacing))))
-    across = np.concatenate([[-0.4, -0.35, -0.3], central, [0.3, 0.35, 0.4]])
+    normal *= (spacing / np.maximum(np.hypot(step[:, 0], step[:, 1]), NO_LENGTH_PX))[:, None]
+    samples = max(MIN_LINE_SAMPLES, int(SAMPLES_PER_PX * np.median(spacing)))
+    beside_after = np.array(BESIDE)
+    across = np.concatenate([-beside_after[::-1], np.linspace(-LINE_PART, LINE_PART, samples), beside_after])
+    ground = len(BESIDE)
     thirds = []
     for third in THIRDS:
         middle = [(start + t * step)[:, None, :] + across[None, :, None] * normal[:, None, :] for t in third]
         sections = sign * np.mean([_sampled(grey, at) for at in middle], axis=0)
-        beside = 0.5 * (sections[:, :3].mean(axis=1) + sections[:, -3:].mean(axis=1))
-        inside = sections[:, 3:-3]
+        beside = 0.5 * (sections[:, :ground].mean(axis=1) + sections[:, -ground:].mean(axis=1))
+        inside = sections[:, ground:-ground]
         thirds.append((inside.max(axis=1) if peak else inside.mean(axis=1)) - beside)
     return np.array(thirds)
 
@@ -218,7 +233,7 @@ def refuse_other_patterns(grey: npt.NDArray[np.float32], nodes: FloatArray, prof
         edges = edges_between(nodes, family)
         spacing = float(np.median(edges.spacing))
         first, middle, last = np.median(_contrast_at_thirds(grey, edges, sign, peak=False), axis=1)
-        pinched = middle < MIN_MIDDLE_CONTRAST * 0.5 * (first + last)
+        pinched = middle < MIN_MIDDLE_CONTRAST * (first + last) / 2
         if pinched or profile.width_px > MAX_RELATIVE_WIDTH * spacing:
             raise DetectionError(f"no line grid found: the picture shows {_other_pattern(grey, nodes, sign)}")
 

@@ -14,8 +14,11 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
+# Sampling leaves about this much even in a picture without noise, px.
+MIN_SIGMA_PX = 1e-4
 # Points on the two adjoining edges suffice for a crossing if each has this many; else the next edges join.
 ENOUGH_POINTS = 3
+# Points from which a parabola is fitted, not a straight line: two more than it has coefficients; and the least.
 QUADRATIC_POINTS = 5
 MIN_POINTS = 2
 # Standard deviation of the points' index along the line: one edge alone (0.2) aims too badly.
@@ -24,9 +27,15 @@ MIN_SPREAD = 0.3
 MIN_DETERMINANT = 1e-10
 # Lines that meet at less than about 15 degrees are not a grid's two families.
 MIN_CROSSING_SINE = 0.25
+# Robust standard deviations beyond which a point is an outlier: ink is not normal noise.
 OUTLIER_SIGMAS = 5.0
 # Sharp thin lines sway by this much against the pixel raster; smaller residuals are not outliers.
 OUTLIER_FLOOR_PX = 0.1
+# Least part of a point's variance that its residual keeps beside the parabola that it helped to fit: below, the
+# residual tells nothing.
+MIN_FREE_PART = 0.1
+# Instead of a division by 0.
+NO_WEIGHT = 1e-300
 
 
 @dataclass(frozen=True)
@@ -68,7 +77,7 @@ def fit_local_lines(
     row, column = (line, np.floor(place)) if family == 0 else (np.floor(place), line)
     sites = np.stack([row, column], axis=1).astype(np.int64)
     part = place - np.floor(place)
-    weight = 1 / np.maximum(sigma_px[usable], 1e-4) ** 2
+    weight = 1 / np.maximum(sigma_px[usable], MIN_SIGMA_PX) ** 2
     sums, count = _moments(shape, 1 - family, sites, part, seen.offset_px[usable], weight)
     return _solve_parabolas(sums, count)
 
@@ -123,7 +132,7 @@ def _solve_parabolas(sums: FloatArray, count: IntArray) -> LocalLines:
     matrix[straight, 2, 2] = 1.0
     unknown = (count < MIN_POINTS) | (_spread(sums) < MIN_SPREAD)
     matrix[unknown] = np.eye(3)
-    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), 1e-300))
+    scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), NO_WEIGHT))
     matrix = matrix / (scale[..., :, None] * scale[..., None, :])
     # Points in one short piece do not determine slope and bow; the condition guards the extrapolation.
     unknown |= np.linalg.det(matrix) < MIN_DETERMINANT
@@ -137,7 +146,7 @@ def _solve_parabolas(sums: FloatArray, count: IntArray) -> LocalLines:
 
 def _spread(sums: FloatArray) -> FloatArray:
     """Weighted standard deviation of the points' index along the line, (rows, columns)."""
-    weight = np.maximum(sums[..., 0], 1e-300)
+    weight = np.maximum(sums[..., 0], NO_WEIGHT)
     return np.sqrt(np.maximum(sums[..., 2] / weight - (sums[..., 1] / weight) ** 2, 0))
 
 
@@ -180,7 +189,7 @@ def residuals(family: int, seen: Deviations, sigma_px: FloatArray, lines: LocalL
     powers = np.stack([np.ones_like(t), t, t**2], axis=1)
     leverage = np.einsum("na,nab,nb->n", powers, lines.covariance[at], powers) / sigma_px**2
     rest = seen.offset_px - (powers * lines.coefficients[at]).sum(axis=1)
-    return rest / np.sqrt(np.clip(1 - leverage, 0.1, 1.0))
+    return rest / np.sqrt(np.clip(1 - leverage, MIN_FREE_PART, 1.0))
 
 
 def mark_outliers(status: IntArray, residual_px: FloatArray) -> IntArray:

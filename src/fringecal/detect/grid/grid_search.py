@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from fringecal.detect.boards import MIN_SIDE_PX
 from fringecal.detect.grid.candidates import choose_coarse, refuse_other_patterns
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
@@ -22,8 +23,7 @@ Polarity = Literal["auto", "dark", "light"]
 Family = Literal["horizontal", "vertical"]
 FAMILIES: tuple[Family, Family] = ("horizontal", "vertical")
 
-MIN_LINES = 3
-MIN_SIDE_PX = 40
+MIN_LINES = 3  # of each family: two determine no change of scale
 # Of the edges between crossings that were found, this part at least must show the line.
 MIN_JOINED = 0.7
 

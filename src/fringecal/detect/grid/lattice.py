@@ -7,7 +7,7 @@ import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from fringecal.detect.grid.lattice_growth import grow
-from fringecal.detect.grid.nodes import along
+from fringecal.detect.grid.nodes import NO_LENGTH_PX, along
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -15,7 +15,13 @@ BoolArray = npt.NDArray[np.bool_]
 
 # Opposite neighbours of a seed agree with its own position within this part of the spacing.
 SEED_TOLERANCE = 0.12
+# Nearest points among which a seed's four neighbours are sought: dirt may lie between them.
 NEIGHBOURS = 12
+# Seeds are grown in turn until a lattice covers this part of the points that were seeds themselves.
+COVERED_PART = 0.5
+# The second direction lies more than 45 degrees (sine) from the first, and is less than twice as long: sheets seen
+# obliquely shear and shorten the grid.
+MIN_SINE, MAX_LENGTH_RATIO = 0.7, 2.0
 # Seeds are sought among this many points, spread evenly over all: noise gives a fine level 1e5 of them.
 MAX_SEED_POINTS = 400
 
@@ -98,7 +104,7 @@ def grow_lattice(points: FloatArray, *, tries: int) -> Lattice | None:
         covered[members[:, 0]] = True
         if best is None or len(members) > len(best):
             best = members
-        if len(best) * min(1.0, MAX_SEED_POINTS / len(points)) > 0.5 * len(seeds):
+        if len(best) * min(1.0, MAX_SEED_POINTS / len(points)) > COVERED_PART * len(seeds):
             break
     return None if best is None else _oriented(points, best)
 
@@ -116,10 +122,9 @@ def _seeds(points: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
     rows = np.arange(len(tried))
     a = vectors[rows, first]
     cross = np.abs(a[:, None, 0] * vectors[..., 1] - a[:, None, 1] * vectors[..., 0])
-    # The second direction lies more than 45 degrees from the first (sheets seen obliquely shear the grid).
-    second_ok = paired & (cross > 0.7 * length * length[rows, first][:, None])
+    second_ok = paired & (cross > MIN_SINE * length * length[rows, first][:, None])
     second = np.argmax(second_ok, axis=1)
-    ok = paired[rows, first] & second_ok[rows, second] & (length[rows, second] < 2 * length[rows, first])
+    ok = paired[rows, first] & second_ok[rows, second] & (length[rows, second] < MAX_LENGTH_RATIO * length[rows, first])
     score = mismatch[rows, first] + mismatch[rows, second]
     order = np.flatnonzero(ok)[np.argsort(score[ok], kind="stable")]
     return tried[order], a[order], vectors[rows, second][order]
@@ -131,7 +136,7 @@ def _opposites(vectors: FloatArray, length: FloatArray) -> tuple[BoolArray, Floa
     mismatch = np.full(length.shape, np.inf)
     for j in range(length.shape[1]):
         total = vectors + vectors[:, j : j + 1]
-        mismatch[:, j] = np.hypot(total[..., 0], total[..., 1]).min(axis=1) / np.maximum(length[:, j], 1e-9)
+        mismatch[:, j] = np.hypot(total[..., 0], total[..., 1]).min(axis=1) / np.maximum(length[:, j], NO_LENGTH_PX)
         paired[:, j] = mismatch[:, j] < SEED_TOLERANCE
     return paired, mismatch
 

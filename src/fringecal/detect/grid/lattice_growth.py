@@ -10,6 +10,12 @@ IntArray = npt.NDArray[np.int64]
 # A neighbour is accepted within this part of the spacing from its prediction: half-way to the next
 # crossing would be 0.5, and perspective or barrel changes the spacing by far less.
 MATCH_RADIUS = 0.25
+# Every step to an indexed neighbour suits the prediction within this part of the spacing: both ends may be off it.
+NEIGHBOUR_RADIUS = 1.4 * MATCH_RADIUS
+# Part by which a node's own step replaces the one before it: the spacing changes slowly, and a crossing is noisy.
+NEW_STEP_PART = 0.5
+# Sites about the first one that an array holds, per spacing of the picture's diagonal and besides.
+REACH_PER_SPACING, REACH_BESIDE = 4, 4
 
 
 def grow(points: FloatArray, known: IntArray, bases: FloatArray) -> IntArray:
@@ -31,7 +37,9 @@ def grow(points: FloatArray, known: IntArray, bases: FloatArray) -> IntArray:
     key = cells[:, 1] * shape[0] + cells[:, 0]
     order = np.argsort(key, kind="stable")
     start = np.searchsorted(key[order], np.arange(shape[0] * shape[1] + 1))
-    reach = int(min(len(points), 4 * np.hypot(*(shape * 1.0)) + 4)) + int(np.abs(known[:, 1:]).max())
+    reach = int(min(len(points), REACH_PER_SPACING * np.hypot(*(shape * 1.0)) + REACH_BESIDE)) + int(
+        np.abs(known[:, 1:]).max()
+    )
     return _grow_kernel(points, known, bases, (lower, spacing, shape, order, start), reach)
 
 
@@ -67,7 +75,7 @@ def _fits(points, site, i, j, found, basis, reach):  # type: ignore[no-untyped-d
             du = (points[other, 0] - points[found, 0]) * way - basis[axis, 0]
             dv = (points[other, 1] - points[found, 1]) * way - basis[axis, 1]
             size = basis[axis, 0] ** 2 + basis[axis, 1] ** 2
-            if du * du + dv * dv > (1.4 * MATCH_RADIUS) ** 2 * size:
+            if du * du + dv * dv > NEIGHBOUR_RADIUS**2 * size:
                 return False
     return True
 
@@ -101,8 +109,8 @@ def _grow_kernel(points, known, known_bases, hashed, reach):  # type: ignore[no-
                 if found < 0 or used[found] or not _fits(points, site, ni, nj, found, local, reach):
                     continue
                 bases[tail] = local
-                bases[tail, axis, 0] += 0.5 * (way * (points[found, 0] - points[p, 0]) - local[axis, 0])
-                bases[tail, axis, 1] += 0.5 * (way * (points[found, 1] - points[p, 1]) - local[axis, 1])
+                bases[tail, axis, 0] += NEW_STEP_PART * (way * (points[found, 0] - points[p, 0]) - local[axis, 0])
+                bases[tail, axis, 1] += NEW_STEP_PART * (way * (points[found, 1] - points[p, 1]) - local[axis, 1])
                 site[ni + reach, nj + reach] = found
                 used[found] = True
                 queue[tail, 0], queue[tail, 1], queue[tail, 2] = found, ni, nj

@@ -14,16 +14,36 @@ from fringecal.detect.grid.nodes import Edges
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+# Gauss-Newton steps smaller than this, px, are the last ones: while the grid is still being extended, and at the end.
+ROUGH_PX, FINE_PX = 0.1, 3e-3
 # A patch this long keeps the bow of a strongly bent line (radius 2000 px) below 0.003 px on average.
 PATCH_LENGTH_PX = 9.0
+# Patches of the longest edges (108 px): more of them know a crossing no better.
 MAX_PATCHES = 12
+# Gauss-Newton steps, each of which leaves an error of about its own square.
 ITERATIONS = 5
+# A patch keeps off the crossing lines by their reach and this, px, but by no more than this part of the edge.
+CLEAR_OF_CROSSING_PX, MAX_MARGIN_PART = 0.7, 0.4
+# A patch is wider than its line to either side by this, px, and by this part of the line's width: the ground there
+# tells the background's slope. It may not reach the next line, but always takes this part of the spacing.
+GROUND_PX, GROUND_PART, MIN_ROOM_PART = 2.0, 0.25, 0.5
+# The background's slope is told from a shift of the line if the patch holds ground to either side of its reach, px.
+SLOPE_GROUND_PX = 1.0
+# A step is limited to this part of the line's reach and this, px: further off the line's slope points nowhere.
+STEP_PART, STEP_PX = 0.5, 1.0
+# A line further off the patch's middle than this part of its half width is another one.
+MAX_OFFSET_PART = 0.6
+# Pixels beyond the number of unknowns that a patch needs.
+SPARE_PIXELS = 2
 # Lines weaker than this multiple of their own uncertainty are not told from noise.
 MIN_SIGNIFICANCE = 5.0
 # Residuals of a line: up to this part of its contrast (sharp edges, uneven ink), and this multiple of their typical
 # variance.
 MAX_MISFIT = 0.15
 MAX_EXCESS = 9.0
+# Against rounding: variance, and slope across rows, instead of a division by 0; part of the diagonal added to normal
+# equations; least variance of a patch, grey levels squared.
+NO_VARIANCE, NO_SLOPE, RIDGE, MIN_VARIANCE = 1e-12, 1e-12, 1e-9, 1e-6
 
 
 class LineStatus(IntEnum):
@@ -85,19 +105,19 @@ def cut_patches(
     reach = np.array([profile.reach_px for profile in profiles])[kinds]
     along = edges.end - edges.start
     length = np.hypot(along[:, 0], along[:, 1])
-    margin = np.minimum(reach[:, 1:] + 0.7, 0.4 * length[:, None])
+    margin = np.minimum(reach[:, 1:] + CLEAR_OF_CROSSING_PX, MAX_MARGIN_PART * length[:, None])
     free = length - margin.sum(axis=1)
     count = np.clip(np.round(free / PATCH_LENGTH_PX), 1, most).astype(int)
     edge = np.repeat(np.arange(len(length)), count)
     k = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
     t = (margin[edge, 0] + free[edge] * (k + 0.5) / count[edge]) / length[edge]
-    room = np.maximum(edges.spacing - reach.max(axis=1), 0.5 * edges.spacing)
+    room = np.maximum(edges.spacing - reach.max(axis=1), MIN_ROOM_PART * edges.spacing)
     width = np.array([profile.width_px for profile in profiles])[kinds[:, 0]]
     return Patches(
         edges.start[edge] + t[:, None] * along[edge],
         (along / length[:, None])[edge],
         0.5 * np.minimum(free[edge] / count[edge], longest_px),
-        np.minimum(reach[:, 0] + 2.0 + 0.25 * width, room)[edge],
+        np.minimum(reach[:, 0] + GROUND_PX + GROUND_PART * width, room)[edge],
         edge,
         kinds[edge, 0],
     )
@@ -109,7 +129,7 @@ def measure_points(
     profiles: Sequence[LineProfile],
     sign: int,
     *,
-    tolerance_px: float = 3e-3,
+    tolerance_px: float = FINE_PX,
 ) -> LinePoints:
     """Position of the line in every patch, by least squares on its pixels.
 
@@ -145,15 +165,15 @@ def measure_points(
     )
     offset, sigma, contrast, sigma_contrast, inside, variance = measured.T
     # The residual variance of one patch rests on few pixels; half of it is taken from all patches.
-    pooled = np.sqrt(0.5 * (1 + _typical(variance) / np.maximum(variance, 1e-12)))
+    pooled = np.sqrt(0.5 * (1 + _typical(variance) / np.maximum(variance, NO_VARIANCE)))
     sigma, sigma_contrast = sigma * pooled, sigma_contrast * pooled
     normal = np.stack([-patches.direction[:, 1], patches.direction[:, 0]], axis=1)
     point = patches.centre + offset[:, None] * normal
     missing = ~np.isfinite(sigma) | (sign * contrast < MIN_SIGNIFICANCE * sigma_contrast)
-    missing |= np.abs(offset) > 0.6 * patches.half_width
+    missing |= np.abs(offset) > MAX_OFFSET_PART * patches.half_width
     # The edge of a cover or of a shadow resembles a line, but leaves residuals as large as itself.
     missing |= variance > MAX_MISFIT**2 * contrast**2 + MAX_EXCESS * _typical(variance)
-    status = np.where(inside < 0.5, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
+    status = np.where(inside == 0, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
     return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
 
 
@@ -171,7 +191,7 @@ def _clip01(x):  # type: ignore[no-untyped-def] # pragma: no cover
 @njit(cache=True, inline="always")
 def _span(low, high, offset, step, limit):  # type: ignore[no-untyped-def] # pragma: no cover
     """Narrow (low, high) to the x with abs(offset + x step) < limit."""
-    if abs(step) < 1e-12:
+    if abs(step) < NO_SLOPE:
         return (low, high) if abs(offset) < limit else (1.0, 0.0)
     one, other = (-limit - offset) / step, (limit - offset) / step
     return max(low, min(one, other)), min(high, max(one, other))
@@ -246,7 +266,7 @@ def _invert(matrix, inverse, size):  # type: ignore[no-untyped-def] # pragma: no
 def _solve(normal, right, inverse, solution, size):  # type: ignore[no-untyped-def] # pragma: no cover
     """Solve normal equations; returns the sum of squares they explain, -1 if they are singular."""
     for a in range(size):
-        normal[a, a] *= 1.0 + 1e-9
+        normal[a, a] *= 1.0 + RIDGE
     if not _invert(normal, inverse, size):
         return -1.0
     explained = 0.0
@@ -267,7 +287,7 @@ def _measure(image, centre, direction, half_length, half_width, kind, template):
     for p in prange(len(centre)):
         dx, dy = direction[p, 0], direction[p, 1]
         table, reach = tables[kind[p]], reaches[kind[p]]
-        step_limit = 0.5 * reach + 1.0
+        step_limit = STEP_PART * reach + STEP_PX
         half = (half_length[p], half_width[p])
         reach_u = abs(dx) * (half[0] + 0.5) + abs(dy) * (half[1] + 0.5)
         reach_v = abs(dy) * (half[0] + 0.5) + abs(dx) * (half[1] + 0.5)
@@ -275,8 +295,7 @@ def _measure(image, centre, direction, half_length, half_width, kind, template):
         inverse = np.empty((5, 5))
         right = np.empty(5)
         solution = np.empty(5)
-        # A slope of the background is told from a shift of the line only beside the line.
-        size = 5 if half[1] > reach + 1.0 else 4
+        size = 5 if half[1] > reach + SLOPE_GROUND_PX else 4
         offset = 0.0
         out[p, 1] = np.inf
         for _ in range(ITERATIONS + 1):
@@ -286,14 +305,14 @@ def _measure(image, centre, direction, half_length, half_width, kind, template):
             out[p, 4] = 1.0
             frame = (cx, cy, dx, dy)
             weights, squares = _accumulate(image, frame, half, table, normal, right)
-            if weights < size + 2:
+            if weights < size + SPARE_PIXELS:
                 break
             explained = _solve(normal, right, inverse, solution, size)
             contrast = solution[1]
             if explained < 0.0 or contrast == 0.0:
                 break
             shift = -solution[2] / contrast
-            rest = max(squares - explained, 1e-6 * weights) / (weights - size)
+            rest = max(squares - explained, MIN_VARIANCE * weights) / (weights - size)
             out[p, 0] = offset
             out[p, 1] = np.sqrt(rest * inverse[2, 2]) / abs(contrast)
             out[p, 2] = contrast

@@ -9,9 +9,23 @@ from scipy import optimize, special
 
 FloatArray = npt.NDArray[np.float64]
 
+# Steps of the table of a line's height and slope: interpolated, it errs by less than 1e-4 of the height.
 TABLE_STEP_PX = 1 / 32
+# Samples across a line: four to a pixel, from pieces whose places among the pixels differ.
 SAMPLE_STEP_PX = 0.25
-MAX_STEPS = 3
+# Cross-sections that are averaged along a piece: at its middle, and to either side.
+SECTIONS = 3
+# Where a Gaussian's integral is within 1 % of its end, standard deviations.
+REACH_SDS = 2.3
+# Rounds in which a cross-section is shifted to its own middle, and samples at either end that are its ground.
+ALIGNMENTS, GROUND_SAMPLES = 3, 3
+# First guess of the blur, px, and limits of what is fitted: width and blur, px, peak over the brightest sample, ground.
+# Narrower lines and sharper edges than a pixel's own are not seen.
+BLUR_PX, LEAST, MOST_PEAK = 0.6, (0.3, 0.05, 0.0, -1.0), 20.0
+# Tolerances of the fit, relative: width and blur to 1e-4, far below what they are needed for.
+FTOL, XTOL = 1e-6, 1e-4
+# Brightness, instead of a division by 0.
+NO_LIGHT, NO_WEIGHT = 1e-9, 1e-12
 # Part of an edge between crossings that is averaged for the mean profile: clear of the crossing lines.
 CLEAR_PART = (0.3, 0.7)
 
@@ -26,7 +40,7 @@ class LineProfile:
     @property
     def reach_px(self) -> float:
         """Distance from the middle beyond which the line contributes less than 1 % of its height."""
-        return self.width_px / 2 + 0.5 + 2.3 * self.blur_px
+        return self.width_px / 2 + 0.5 + REACH_SDS * self.blur_px
 
     def height(self, distance_px: FloatArray) -> FloatArray:
         """Brightness across the line, 1 where a wide line is flat.
@@ -93,12 +107,17 @@ def aligned_sections(
     """
     distance = np.arange(-half_px, half_px + SAMPLE_STEP_PX / 2, SAMPLE_STEP_PX)
     shift = np.zeros(len(start))
-    for _ in range(3):
+    for _ in range(ALIGNMENTS):
         sections = sign * _sections(image, start, end, distance, shift)
-        sections -= np.minimum(sections[:, :3].mean(axis=1), sections[:, -3:].mean(axis=1))[:, None]
+        sections -= np.minimum(*ends_of(sections))[:, None]
         weight = np.maximum(sections, 0) * np.cos(np.pi / 2 * distance / half_px) ** 2
-        shift += (weight * distance).sum(axis=1) / np.maximum(weight.sum(axis=1), 1e-12)
+        shift += (weight * distance).sum(axis=1) / np.maximum(weight.sum(axis=1), NO_WEIGHT)
     return distance, sections
+
+
+def ends_of(sections: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Brightness (n,) of the ground at both ends of cross-sections (n, m)."""
+    return sections[:, :GROUND_SAMPLES].mean(axis=1), sections[:, -GROUND_SAMPLES:].mean(axis=1)
 
 
 def mean_section(sections: FloatArray) -> FloatArray:
@@ -119,9 +138,8 @@ def _sections(
     along = end - start
     length = np.hypot(along[:, 0], along[:, 1])
     normal = np.stack([-along[:, 1], along[:, 0]], axis=1) / length[:, None]
-    steps = int(np.clip(np.median(length) * (CLEAR_PART[1] - CLEAR_PART[0]), 3, MAX_STEPS))
     total = np.zeros((len(start), len(distance)))
-    for t in np.linspace(*CLEAR_PART, steps):
+    for t in np.linspace(*CLEAR_PART, SECTIONS):
         middle = start + t * along + shift[:, None] * normal
         at = middle[:, None, :] + distance[None, :, None] * normal[:, None, :]
         total += cv2.remap(
@@ -131,7 +149,7 @@ def _sections(
             cv2.INTER_CUBIC,
             borderMode=cv2.BORDER_REPLICATE,
         )
-    return total / steps
+    return total / SECTIONS
 
 
 def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
@@ -144,7 +162,7 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
     >>> round(fit.width_px, 3), round(fit.blur_px, 3)
     (3.0, 0.8)
     """
-    peak = max(float(brightness.max()), 1e-9)
+    peak = max(float(brightness.max()), NO_LIGHT)
     above = brightness > 0.5 * peak
     width = max(1.0, float(above.sum()) * float(distance_px[1] - distance_px[0]))
 
@@ -154,10 +172,10 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
     half = float(distance_px[-1])
     fit = optimize.least_squares(
         misfit,
-        [min(width, 1.5 * half), 0.6, 1.0, 0.0],
-        bounds=([0.3, 0.05, 0.0, -1.0], [2 * half, half, 20.0, 1.0]),
+        [min(width, 1.5 * half), BLUR_PX, 1.0, 0.0],
+        bounds=(LEAST, [2 * half, half, MOST_PEAK, 1.0]),
         x_scale=[1.0, 0.3, 1.0, 0.3],
-        ftol=1e-6,
-        xtol=1e-4,
+        ftol=FTOL,
+        xtol=XTOL,
     )
     return LineProfile(float(fit.x[0]), float(fit.x[1]))

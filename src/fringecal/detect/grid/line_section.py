@@ -11,7 +11,9 @@ from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]
 
+# Samples along a section: two to a pixel show all that the picture holds.
 STEP_PX = 0.5
+# Lines that a section must cross to show their spacing twice.
 MIN_CROSSED = 3
 
 

@@ -5,20 +5,32 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from fringecal.detect.grid.line_profile import LineProfile, aligned_sections, fit_profile, mean_section
+from fringecal.detect.grid.line_profile import (
+    NO_LIGHT,
+    LineProfile,
+    aligned_sections,
+    ends_of,
+    fit_profile,
+    mean_section,
+)
 from fringecal.detect.grid.nodes import Edges
 from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+# Edges of every line whose width is measured: the median of eight is known to half of one's scatter.
 EDGES_PER_LINE = 8
 # Heavy lines are at least so much wider than the others; less is the printer's or the lens's unevenness.
 MIN_RATIO = 1.25
 # A cover or the edge of a shadow can leave a line a width of nothing.
 MIN_RELATIVE_WIDTH = 0.3
+# The logarithms of two weights' widths lie apart by this many of their robust standard deviations.
 MIN_SEPARATION = 4.0
-MAX_HALF_PX = 40.0
+# Half-length of a cross-section: this part of the spacing, clear of the next line, within these limits, px.
+HALF_PART, MIN_HALF_PX, MAX_HALF_PX = 0.45, 2.5, 40.0
+# Quantile of a cross-section that is its peak: a hot pixel is brighter.
+PEAK_QUANTILE = 0.98
 # A cross-section is a line's if it has this part of the usual height, and its ends differ by less than this part.
 MIN_HEIGHT, MAX_STEP = 0.3, 0.3
 
@@ -83,7 +95,7 @@ def _sampled_sections(
         np.concatenate([getattr(e, name)[p] for e, p in zip(edges, pick, strict=True)])
         for name in ("start", "end", "spacing")
     )
-    half = min(max(2.5, 0.45 * float(np.median(spacing))), MAX_HALF_PX)
+    half = min(max(MIN_HALF_PX, HALF_PART * float(np.median(spacing))), MAX_HALF_PX)
     line = np.concatenate([edges[0].line[pick[0]], edges[1].line[pick[1]] + edges[0].line.max() + 1])
     return *aligned_sections(image, sign, start, end, half), line
 
@@ -102,8 +114,8 @@ def _few_per_line(line: IntArray) -> IntArray:
 def _equivalent_widths(distance_px: FloatArray, sections: FloatArray) -> FloatArray:
     """Area over peak of every cross-section, px (n,); its ends are the base. NaN where it shows no line alone."""
     pitch = float(distance_px[1] - distance_px[0])
-    peak = np.maximum(np.quantile(sections, 0.98, axis=1), 1e-9)
-    step = np.maximum(sections[:, :3].mean(axis=1), sections[:, -3:].mean(axis=1))
+    peak = np.maximum(np.quantile(sections, PEAK_QUANTILE, axis=1), NO_LIGHT)
+    step = np.maximum(*ends_of(sections))
     clear = (peak > MIN_HEIGHT * np.median(peak)) & (step < MAX_STEP * peak)
     return np.where(clear, sections.sum(axis=1) * pitch / peak, np.nan)
 

@@ -11,6 +11,10 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 
+# Instead of a division by 0 where two crossings coincide, px.
+NO_LENGTH_PX = 1e-9
+
+
 @dataclass(frozen=True)
 class Edges:
     """Edges of one family between adjacent sites: line (index of the line), place (index along it), ends."""
@@ -104,6 +108,6 @@ def _edges(nodes: FloatArray, family: int, row: IntArray, column: IntArray, ends
     step = ends - start
     across = along(nodes, 1 - family)[row, column]
     length = np.hypot(step[:, 0], step[:, 1])
-    spacing = np.abs(step[:, 0] * across[:, 1] - step[:, 1] * across[:, 0]) / np.maximum(length, 1e-9)
+    spacing = np.abs(step[:, 0] * across[:, 1] - step[:, 1] * across[:, 0]) / np.maximum(length, NO_LENGTH_PX)
     line, place = (row, column) if family == 0 else (column, row)
     return Edges(line, place, start, ends, spacing)

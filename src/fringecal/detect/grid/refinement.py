@@ -6,10 +6,19 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from fringecal.detect.grid.crossings import LocalLines, fit_local_lines, intersect, mark_outliers, residuals
+from fringecal.detect.grid.crossings import (
+    MIN_SIGMA_PX,
+    LocalLines,
+    fit_local_lines,
+    intersect,
+    mark_outliers,
+    residuals,
+)
 from fringecal.detect.grid.line_points import (
+    FINE_PX,
     MAX_PATCHES,
     PATCH_LENGTH_PX,
+    ROUGH_PX,
     LinePoints,
     LineStatus,
     cut_patches,
@@ -29,32 +38,36 @@ BoolArray = npt.NDArray[np.bool_]
 # Rounds of: predict missing crossings, measure lines, intersect, until there are no more; a last round with all
 # points then makes it sub-pixel.
 EXTENSION_ROUNDS = 12
-# Across a gap of so many lines the map of the whole grid predicts crossings; those found further off than this part
-# of the spacing are others.
-MAX_BRIDGE = 4
+# Across a gap of so many lines, and of no more than this part of the known ones, the map of the whole grid predicts
+# crossings; those found further off than this part of the spacing are others.
+MAX_BRIDGE, BRIDGE_PARTS = 4, 4
+MAX_BRIDGE_MOVE = 0.15
 # Steps of a grid seen obliquely change by more than this part from line to line: gaps are not bridged there.
 MAX_CHANGE = 0.04
 # A round that loses more than the rest of the crossings, and finds no others, is not the last one.
 MIN_KEPT = 0.98
-MAX_BRIDGE_MOVE = 0.15
 # Coarse crossings are off by up to this part of the spacing; the lines are first sought that much broader.
 CAPTURE_PART = 0.03
-# A Gauss-Newton step leaves an error of about its own square: these steps are the last ones.
-ROUGH_PX, FINE_PX = 0.1, 3e-3
 # Patches per edge while the grid is still being extended.
 ROUGH_PATCHES = 2
 # A crossing that moves further than this part of the spacing from its prediction is another feature.
 MAX_MOVE = 0.3
 # A measured point much fainter than its family's middle is texture, not line.
 MIN_RELATIVE_CONTRAST = 0.2
-# Sampling leaves about this much even in a picture without noise.
-MIN_SIGMA_PX = 1e-4
+# Beyond the last crossings a line must be so much fainter at most, and this near to where it is expected, px: there
+# nothing else confirms it.
 MIN_STUB_CONTRAST = 0.5
+MAX_STUB_OFFSET_PX = 0.5
+# Part of the points of an edge that must be good for its line to be there.
+MIN_GOOD_PART = 0.5
+# Crossings joined by lines: three by three, with which a map of degree 1 has something left to check.
+MIN_CROSSINGS = 9
 # A slipped index displaces a crossing by a whole spacing; the map of degree 3 follows lenses far better.
 MAX_STRAY = 0.5
+# Rounds, the second with a map without the first one's strays; and the part of the crossings that must suit the map, or
+# the sheet is too bent for it and it cannot tell.
 STRAY_ROUNDS = 2
 MIN_MAPPED = 0.7
-MAX_STUB_OFFSET_PX = 0.5
 
 
 @dataclass(frozen=True)
@@ -125,7 +138,7 @@ def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> t
     no further than it may be trusted.
     """
     known = np.isfinite(nodes[..., 0])
-    reach = np.minimum(MAX_BRIDGE, np.array(known.shape) // 4)
+    reach = np.minimum(MAX_BRIDGE, np.array(known.shape) // BRIDGE_PARTS)
     pads = [(max(1, int(r)),) * 2 for r in reach]
     known, nodes = np.pad(known, pads), predict_missing(np.pad(nodes, [*pads, (0, 0)], constant_values=np.nan))
     near = cv2.dilate(known.astype(np.uint8), np.ones(2 * reach + 1, np.uint8)) > 0
@@ -171,7 +184,7 @@ def _without_slips(nodes: FloatArray) -> FloatArray:
         rest = nodes - fit_to_nodes(kept)(row, column)
         kept = np.where((np.hypot(rest[..., 0], rest[..., 1]) < limit)[..., None], nodes, np.nan)
         if np.isfinite(kept[..., 0]).sum() < MIN_MAPPED * np.isfinite(nodes[..., 0]).sum():
-            return nodes  # too bent for the map; then it cannot tell
+            return nodes
     return kept
 
 
@@ -203,8 +216,8 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
     for family in (0, 1):
         kept &= _supported(nodes.shape[:2], family, edges[family], points[family])
     crossing[~kept] = np.nan
-    if kept.sum() < 9:
-        raise DetectionError(f"no grid found: only {kept.sum()} crossings are joined by lines, 9 needed")
+    if kept.sum() < MIN_CROSSINGS:
+        raise DetectionError(f"no grid found: only {kept.sum()} crossings are joined by lines, {MIN_CROSSINGS} needed")
     sigma = np.sqrt(0.5 * (lines[0].sigma_px ** 2 + lines[1].sigma_px ** 2))
     return Refined(crossing, np.where(kept, sigma, np.nan), smooth, edges, points, lines, kinds)
 
@@ -270,7 +283,7 @@ def present_edges(edges: Edges, points: LinePoints) -> BoolArray:
     """Edges on which at least half of the points are good."""
     seen = np.bincount(points.edge, weights=points.status == LineStatus.OK, minlength=len(edges.line))
     total = np.bincount(points.edge, minlength=len(edges.line))
-    return (seen >= 0.5 * total) & (seen > 0)
+    return (seen >= MIN_GOOD_PART * total) & (seen > 0)
 
 
 def _trimmed(found: Refined) -> Refined:

@@ -14,13 +14,20 @@ FloatArray = npt.NDArray[np.floating]
 # One octave of line spacing per level: at 6 to 12 level pixels a Gaussian of 1.5 px keeps 29 to 73 % of
 # the grid's fundamental and suppresses its harmonics, so a crossing is one clear extremum.
 LEVEL_SIGMA_PX = 1.5
+# The ground is what a Gaussian of this width leaves: half of a level's widest spacing.
 BACKGROUND_SIGMA_PX = 6.0
+# Shorter side of the coarsest level: three lines of the widest spacing.
 COARSEST_LEVEL_PX = 40
+# Extrema of a lattice: three by three.
 MIN_CROSSINGS = 9
+# Ground and rms are taken from the level reduced by this: nothing finer survives in them. The rms is that over so many
+# pixels of it squared, about 30 x 30 of the level.
+REDUCED, RMS_PX = 4, 7
 # An extremum must stand out of its surroundings by this part of their rms.
 MIN_PROMINENCE = 0.4
 # Rounding leaves ripples of this size on flat paper; they are no extrema.
 MIN_RELATIVE_BAND = 1e-3
+# Seeds that are grown before the largest lattice is taken: a cover or dirt may hide the best ones.
 MAX_SEED_TRIES = 12
 # A lattice of so many of a level's extrema is a grid or another regular pattern; finer ones lie within it.
 SETTLED_PART = 0.4
@@ -28,9 +35,13 @@ SETTLED_PART = 0.4
 STRONG_PART = 0.3
 STRONG_RANK = 60
 MAX_STRONG = 0.5
+# A window of this side shows whether a level holds a lattice of its own: one whose whole cells, of at most this
+# spacing, fill this part of it.
 WINDOW_PX = 384
 LARGEST_SPACING_PX = 12.0
 WINDOW_PART = 0.3
+# Curvature of a flat top, grey levels, below which there is no vertex.
+NO_CURVATURE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -126,18 +137,18 @@ def _peaks(band: npt.NDArray[np.float32], limit: npt.NDArray[np.float32]) -> npt
 
 
 def _background(smooth: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-    """Blur by BACKGROUND_SIGMA_PX, at a quarter of the resolution: nothing finer survives it."""
-    return _enlarged(cv2.GaussianBlur(_quarter(smooth), (0, 0), BACKGROUND_SIGMA_PX / 4), smooth)
+    """Blur by BACKGROUND_SIGMA_PX, at a quarter of the resolution."""
+    return _enlarged(cv2.GaussianBlur(_reduced(smooth), (0, 0), BACKGROUND_SIGMA_PX / REDUCED), smooth)
 
 
 def _rms(band: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Root mean square of the band over about 30 x 30 pixels."""
-    return _enlarged(np.sqrt(np.maximum(cv2.blur(_quarter(band * band), (7, 7)), 0)), band)
+    return _enlarged(np.sqrt(np.maximum(cv2.blur(_reduced(band * band), (RMS_PX, RMS_PX)), 0)), band)
 
 
-def _quarter(level: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+def _reduced(level: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     height, width = level.shape
-    return cv2.resize(level, (-(-width // 4), -(-height // 4)), interpolation=cv2.INTER_AREA)
+    return cv2.resize(level, (-(-width // REDUCED), -(-height // REDUCED)), interpolation=cv2.INTER_AREA)
 
 
 def _enlarged(small: npt.NDArray[np.float32], like: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -153,5 +164,5 @@ def _parabola(
     after = band[row + down, column + right].astype(float)
     curvature = 2 * here - before - after
     # A minimum has both signs turned, so the vertex is the same; a flat top stays where it is.
-    steep = np.where(np.abs(curvature) > 1e-12, curvature, np.inf)
+    steep = np.where(np.abs(curvature) > NO_CURVATURE, curvature, np.inf)
     return np.clip(0.5 * (after - before) / steep, -0.5, 0.5)

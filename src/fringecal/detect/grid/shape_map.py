@@ -24,11 +24,15 @@ IndexArray = npt.NDArray[Any]
 MAX_DEGREE = 5
 # Coarse crossings are only good for this.
 MAX_COARSE_DEGREE = 3
+# Observations that a coefficient needs: else it follows the noise.
 OBSERVATIONS_PER_COEFFICIENT = 3
+# Residuals below this are none, px: drawn pictures have no noise.
 NEGLIGIBLE_PX = 1e-3
+# Part of the mean diagonal that is added to normal equations: far below any use but above rounding.
 RIDGE = 1e-13
 # The map only has to be near; the parabolas use all points.
 MAX_POINTS = 1_500
+# Robust standard deviations beyond which a point does not count for the map.
 REJECT_SIGMAS = 5.0
 
 

@@ -10,6 +10,7 @@ BoolArray = npt.NDArray[np.bool_]
 
 # A line left out doubles a step, one found twice halves it; lens and view change it by less among few neighbours.
 MAX_STEP_CHANGE = 0.5
+# Steps to either side of one that are compared with it, and the least that must be known.
 AROUND = 4
 MIN_AROUND = 3
 

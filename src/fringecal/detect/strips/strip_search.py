@@ -23,8 +23,12 @@ Mask = NDArray[np.bool_]
 PLATE, EDGE = 0, -1
 _SEARCH_WIDTH_PX = 9.0  # pictures are reduced until a strip or gap is about so wide ...
 _REFINE_WIDTH_PX = 36.0  # ... and so wide where edges are measured
-_LEAST_PIXELS = 400
-_REFINE_SAMPLE = 500_000
+_LEAST_WIDTH_PX = 4  # of a strip or gap: two at either edge are blurred
+_LEAST_PIXELS = 400  # with a phase: a picture of 20 px
+_REFINE_SAMPLE = 500_000  # pixels at which edges are measured: hundreds for each of their bins of half a pixel
+_REFINE_REACH = 0.3  # of the narrowest strip or gap, to either side of where the comb puts an edge
+_MARGIN, _MOST_MARGIN = 0.1, 0.35  # of a strip's width, given to neither side at its edges besides `margin_px`; at most
+_LIKE_PLATE = 0.5  # half of a pixel and its neighbours look like plate
 _TABLE_PX = 0.25  # resolution at which the coordinate across is turned into labels
 
 
@@ -106,7 +110,7 @@ def find_strips(
     comb = find_comb(coarse, layout, least)
     size = better_size(coarse, comb, layout, least)
     fine = fine.sample(_REFINE_SAMPLE)
-    edges = refined_edges(fine, comb, 0.3 * least)
+    edges = refined_edges(fine, comb, _REFINE_REACH * least)
     seen = strips_seen(fine, comb, edges, layout)
     across = u * math.cos(comb.direction_rad) + v * math.sin(comb.direction_rad)
     labels = _labels(across, edges, seen, margin_px)
@@ -127,10 +131,10 @@ def strip_layout(count: int, width_px: ArrayLike, gap_px: ArrayLike) -> Array:
     gaps = np.broadcast_to(np.asarray(gap_px, float), (max(count - 1, 0),))
     starts = np.concatenate([[0.0], np.cumsum(widths[:-1] + gaps)])
     layout = np.column_stack([starts, starts + widths])
-    if not np.isfinite(layout).all() or min(widths.min(), gaps.min(initial=np.inf)) < 4:
+    if not np.isfinite(layout).all() or min(widths.min(), gaps.min(initial=np.inf)) < _LEAST_WIDTH_PX:
         raise DetectionError(
             f"strips of {widths.min():.1f} px and gaps of {gaps.min(initial=math.inf):.1f} px cannot be told apart: at "
-            "least 4 px each are needed. Use wider strips, or a camera nearer to the plate."
+            f"least {_LEAST_WIDTH_PX} px each are needed. Use wider strips, or a camera nearer to the plate."
         )
     return layout
 
@@ -160,7 +164,7 @@ def _pixels(unchanged: tuple[Array, Mask], u: Array, v: Array, factor: int) -> P
 
 def _spread(unchanged: tuple[Array, Mask], shape: tuple[int, ...], margin_px: float, factor: int) -> Mask:
     """Find pixels whose phase is the plate's, and their neighbours within the margin."""
-    plate = ndimage.uniform_filter(np.where(unchanged[1], unchanged[0], 0.0), 3) > 0.5
+    plate = ndimage.uniform_filter(np.where(unchanged[1], unchanged[0], 0.0), 3) > _LIKE_PLATE
     plate = ndimage.binary_dilation(plate, iterations=max(1, round(margin_px / factor)))
     if factor == 1:
         return plate
@@ -177,7 +181,7 @@ def _labels(across: Array, edges: Array, seen: Mask, margin_px: float) -> NDArra
     table = np.zeros(place.size, np.int16)
     for number in np.flatnonzero(seen):
         low, high = edges[number]
-        margin = min(margin_px + 0.1 * (high - low), 0.35 * (high - low))
+        margin = min(margin_px + _MARGIN * (high - low), _MOST_MARGIN * (high - low))
         table[(place > low - margin) & (place < high + margin)] = EDGE
         table[(place > low + margin) & (place < high - margin)] = number + 1
     return table[((across - start) * (1 / _TABLE_PX)).astype(np.int32)]
