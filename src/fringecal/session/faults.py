@@ -38,6 +38,9 @@ class PictureError(SessionError):
         super().__init__([f"{found}; {remedy}"])
 
 
+_ALIKE = 0.6  # similarity of names by difflib, its own default: about two slips in a name of six letters
+
+
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """Return the known name that looks most like `name`, or None if none is similar.
 
@@ -46,10 +49,9 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     >>> nearest("hieght_mm", ["height_mm", "model"])
     'height_mm'
     """
-    # 0.6 is difflib's own default: about two slips in a name of six letters.
     names = sorted(known)
     folded = {known_name.casefold(): known_name for known_name in names}
-    close = difflib.get_close_matches(name.casefold(), list(folded), n=1, cutoff=0.6)
+    close = difflib.get_close_matches(name.casefold(), list(folded), n=1, cutoff=_ALIKE)
     return folded[close[0]] if close else None
 
 

@@ -46,6 +46,8 @@ _STAND_INS: dict[str, Any] = {
     "capture": [_CAPTURE_STAND_INS],
 }
 
+_SHOWN = 60  # characters of a wrong value that a message shows: half a line
+
 _NEEDED = {
     "format": "write format = 1",
     "rig": 'name the rig, for example rig = "bench-1"',
@@ -235,7 +237,7 @@ def _lower(message: str) -> str:
 
 def _short(value: object) -> str:
     text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text) <= _SHOWN else text[: _SHOWN - 3] + "..."
 
 
 def _spoken(loc: Loc, table: Mapping[str, Any]) -> str:

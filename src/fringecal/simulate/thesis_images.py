@@ -13,6 +13,7 @@ from fringecal.errors import FringecalError
 
 # Amplitude of the thesis's images: fringes span all of 8 bits.
 AMPLITUDE = 127.5
+BACKGROUND_SHARE = 0.25  # of the columns beside the zig-zag, both sides together
 THIRDS_RAD = (0.0, 2 * np.pi / 3, 4 * np.pi / 3)
 
 
@@ -48,7 +49,7 @@ def zigzag_px(shape: tuple[int, int], *, period_px: float = 80.0, apex_deg: floa
     """
     n_rows, n_columns = shape
     x = np.arange(n_columns) - (n_columns - 1) / 2
-    n_bars = int(0.75 * n_columns / period_px)
+    n_bars = int((1 - BACKGROUND_SHARE) * n_columns / period_px)
     if n_bars < 1:
         raise FringecalError(f"a zig-zag of period {period_px:g} px does not fit a picture {n_columns} px wide")
     slope = 1 / np.tan(np.radians(apex_deg) / 2)

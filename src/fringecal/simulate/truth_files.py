@@ -12,6 +12,7 @@ from fringecal.simulate.rig.truth import apparent_angle_deg, lens_shift_at_point
 from fringecal.simulate.scene.capture_scenes import capture_scene, field_mm, stated_target
 from fringecal.simulate.tracing.ray_tracer import Frames, plate_points, true_steps_rad
 
+# Places along x and y at which the true projection angle is written, mm.
 ANGLE_POINTS_MM = (-80, -40, 0, 40, 80)
 
 

@@ -13,6 +13,9 @@ def dictionary_names() -> list[str]:
     return sorted(name for name in dir(cv2.aruco) if re.fullmatch(r"DICT_\w+", name))
 
 
+ALIKE = 0.4  # similarity of names by difflib, for a hint: long names that share half of their letters
+
+
 def _dictionary(name: str):  # type: ignore[no-untyped-def]  # cv2 has no type for it
     import cv2
 
@@ -23,7 +26,7 @@ def check_dictionary(name: str, markers: int) -> None:
     """Refuse an unknown dictionary, or one with fewer than `markers` markers, by `ValueError`."""
     known = dictionary_names()
     if name not in known:
-        nearest = difflib.get_close_matches(name.upper(), known, n=1, cutoff=0.4)
+        nearest = difflib.get_close_matches(name.upper(), known, n=1, cutoff=ALIKE)
         hint = f'; did you mean "{nearest[0]}"?' if nearest else f"; known are {', '.join(known)}"
         raise ValueError(f'unknown dictionary "{name}"{hint}')
     has = len(_dictionary(name).bytesList)

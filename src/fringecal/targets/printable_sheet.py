@@ -27,17 +27,24 @@ PAGES_MM = {
 }
 PRINTABLE = (LineGrid, Chessboard, Charuco, Dots)
 
-RULER_MM = 100.0
+RULER_MM = 100.0  # long enough to show a scale that is off by 0.2 %, and short enough for every page
+ROUNDING_MM = 1e-9  # of sums of millimetres: what just fits is let in
+MARGIN_MM = 8.0  # that most printers can keep
 # The band along the left and lower edge that holds ruler and text, and its distance from the pattern.
 BAND_MM, CLEAR_MM = 10.0, 3.0
-TEXT_AWAY_MM, TEXT_MM, FONT_MM = 7.0, 72.0, 2.0
+TEXT_AWAY_MM, TEXT_MM, FONT_MM, LINE_SPACING = 7.0, 72.0, 2.0, 1.15
+# Marks of a ruler at every ten, five and one mm: length; width at every ten and else; size of the numbers, and how far
+# they stand below the marks, left of them, and under their middle.
+MARK_10_MM, MARK_5_MM, MARK_1_MM = 5.0, 3.5, 2.2
+MARK_WIDTH_10_MM, MARK_WIDTH_MM = 0.2, 0.12
+NUMBER_MM, NUMBER_BELOW_MM, NUMBER_LEFT_MM, NUMBER_MIDDLE_MM = 2.2, 7.4, 5.4, 0.8
 INSTRUCTION = (
     "Print at actual size (100 %). Measure both rulers: 100.0 mm between the centres of marks 0 "
     "and 100. If not, discard the sheet, or measure the pattern and state its size in your own target file."
 )
 # Lines of a grid end this part of a pitch beyond the last crossing, so that every crossing is a whole one.
 OVERHANG = 0.3
-HEAVIER = 2.0
+HEAVIER = 2.0  # times the width of the others, for heavy lines whose width is not stated
 
 
 @dataclass(frozen=True)
@@ -81,7 +88,7 @@ def page_size_mm(page: str) -> tuple[float, float]:
     return width, height
 
 
-def sheet(target: Artefact, *, page: str = "A4", margin_mm: float = 8.0) -> Drawing:
+def sheet(target: Artefact, *, page: str = "A4", margin_mm: float = MARGIN_MM) -> Drawing:
     """Lay a printable target out on a page, upright or lying, whichever it fits.
 
     Parameters
@@ -117,7 +124,9 @@ def _choose_page(needed: tuple[float, float], page: str, margin_mm: float) -> Pa
     papers = Page(width, height, margin_mm), Page(height, width, margin_mm)
     least = (RULER_MM + TEXT_AWAY_MM + TEXT_MM, RULER_MM)
     for paper in papers:
-        if all(max(need, low) <= room + 1e-9 for need, low, room in zip(needed, least, paper.room_mm, strict=True)):
+        if all(
+            max(need, low) <= room + ROUNDING_MM for need, low, room in zip(needed, least, paper.room_mm, strict=True)
+        ):
             return paper
     upright, lying = (f"{max(0, paper.room_mm[0]):g} x {max(0, paper.room_mm[1]):g} mm" for paper in papers)
     raise TargetError(
@@ -156,7 +165,7 @@ def _pattern(target: Artefact, paper: Page) -> list[Shape]:
 
 def _line_grid(target: LineGrid, paper: Page) -> list[Shape]:
     pitch = target.pitch_mm.value
-    fill = (int((room / pitch) - 2 * OVERHANG + 1e-9) + 1 for room in paper.room_mm)
+    fill = (int((room / pitch) - 2 * OVERHANG + ROUNDING_MM) + 1 for room in paper.room_mm)
     nu, nv = target.lines or fill
     ink, shapes = "black", list[Shape]()
     if target.polarity == "light":
@@ -242,13 +251,14 @@ def _rulers(paper: Page) -> list[Shape]:
     x0, y0 = left + BAND_MM + CLEAR_MM, low - BAND_MM - CLEAR_MM
     shapes: list[Shape] = []
     for mm in range(int(RULER_MM) + 1):
-        length = 5.0 if mm % 10 == 0 else 3.5 if mm % 5 == 0 else 2.2
-        weight = 0.2 if mm % 10 == 0 else 0.12
+        length = MARK_10_MM if mm % 10 == 0 else MARK_5_MM if mm % 5 == 0 else MARK_1_MM
+        weight = MARK_WIDTH_10_MM if mm % 10 == 0 else MARK_WIDTH_MM
         shapes.append(Rectangle(x0 + mm - weight / 2, low - BAND_MM, weight, length))
         shapes.append(Rectangle(left + BAND_MM - length, y0 - mm - weight / 2, length, weight))
         if mm % 10 == 0:
-            shapes.append(Label(x0 + mm, low - BAND_MM + 7.4, 2.2, str(mm), "middle"))
-            shapes.append(Label(left + BAND_MM - 5.4, y0 - mm + 0.8, 2.2, str(mm), "end"))
+            shapes.append(Label(x0 + mm, low - BAND_MM + NUMBER_BELOW_MM, NUMBER_MM, str(mm), "middle"))
+            beside = left + BAND_MM - NUMBER_LEFT_MM
+            shapes.append(Label(beside, y0 - mm + NUMBER_MIDDLE_MM, NUMBER_MM, str(mm), "end"))
     return shapes
 
 
@@ -259,4 +269,4 @@ def _text(target: Artefact, paper: Page) -> list[Shape]:
     fits = int(room / Label(0, 0, FONT_MM, "0").width_mm)
     lines = [textwrap.shorten(target.name, fits, placeholder=" ..."), *textwrap.wrap(INSTRUCTION, fits)]
     top = paper.height_mm - paper.margin_mm - BAND_MM + FONT_MM
-    return [Label(x, top + k * 1.15 * FONT_MM, FONT_MM, line) for k, line in enumerate(lines)]
+    return [Label(x, top + k * LINE_SPACING * FONT_MM, FONT_MM, line) for k, line in enumerate(lines)]

@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from fringecal.errors import TargetError
+from fringecal.targets.aruco import ALIKE
 from fringecal.targets.kinds_of_target import KINDS, Target
 from fringecal.targets.quantity import HOW_TO_STATE
 
@@ -84,7 +85,7 @@ def _find(name: str, folder: Path) -> Path:
         return shipped_folder() / f"{name}.toml"
     if (folder / f"{name}.toml").is_file():
         raise TargetError(f'no shipped target is called "{name}"; for the file beside it write "{name}.toml"')
-    nearest = difflib.get_close_matches(name, list_targets(), n=3, cutoff=0.4) or list_targets()
+    nearest = difflib.get_close_matches(name, list_targets(), n=3, cutoff=ALIKE) or list_targets()
     raise TargetError(
         f'no shipped target is called "{name}"; nearest: {", ".join(nearest)}. '
         "For a file of your own give its path, which ends in .toml"

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from typing import Literal
 from xml.sax.saxutils import escape
 
-POINTS_PER_MM = 72 / 25.4
+POINTS_PER_MM = 72 / 25.4  # of PDF (ISO 32000-1, 8.3.2.3)
+DIGIT_WIDTH = 0.556  # of the font size, Helvetica
 # Control points of a quarter circle as a cubic; the curve leaves the circle by at most 2.8e-4 of the radius.
 QUARTER_ARC = 4 / 3 * (math.sqrt(2) - 1)
 
@@ -50,7 +51,7 @@ class Label:
     @property
     def width_mm(self) -> float:
         """Width in Helvetica, estimated: digits are 0.556 of the size, and text is narrower on average."""
-        return 0.556 * self.size * len(self.text)
+        return DIGIT_WIDTH * self.size * len(self.text)
 
 
 type Shape = Rectangle | Disc | Label

@@ -16,8 +16,8 @@ from fringecal.numerics import DRAW_SEED
 Array = NDArray[np.float64]
 
 LEAST_CONTRAST = 0.12
-"""Share of unchanged phase by which plate and strips must differ: below, noise would pass for strips; above, strips that
-noise nearly hides would be refused."""
+"""Share of unchanged phase by which plate and strips must differ: below, noise would pass for strips; above, strips
+that noise nearly hides would be refused."""
 
 # Factors of size, up and down, with which a wrong pitch is looked for, and how many: twice as large is not told from
 # every other strip; steps of 0.6 %.

@@ -14,6 +14,7 @@ from fringecal.session.pictures.containers import Container
 from fringecal.session.pictures.picture import decode
 
 _GLOB_CHARACTERS = re.compile(r"[*?\[]")
+_BRIGHT = 0.995  # quantile of the pixels that stands for a picture's brightness: above hot pixels and glints
 
 
 @dataclass(frozen=True)
@@ -125,7 +126,7 @@ def examine(path: Path) -> FrameFacts:
     picture = decode(data)
     pixels = np.ascontiguousarray(picture.pixels)
     peak = int(pixels.max())
-    n_bright = int(0.995 * (pixels.size - 1))
+    n_bright = int(_BRIGHT * (pixels.size - 1))
     return FrameFacts(
         path=path,
         sha256=hashlib.sha256(data).hexdigest(),

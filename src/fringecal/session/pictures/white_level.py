@@ -7,6 +7,7 @@ from fringecal.session.faults import Fault
 from fringecal.session.pictures.capture_files import FrameFacts
 
 # Machine-vision cameras deliver 10, 12 or 14 bits; shifted to the left in 16 they leave these bits idle.
+_SENSOR_BITS = (10, 12, 14)
 _IDLE_BITS = (6, 4, 2)
 
 
@@ -76,7 +77,7 @@ def _from_values(frames: Sequence[FrameFacts], container_bits: int, label: str) 
         value = full - ((1 << idle) - 1)
         note = f"{label}: all values are multiples of {1 << idle}: read as {16 - idle} bit shifted to the left"
         return WhiteLevel(value, notes=(f"{note}, white level {value}",))
-    fitting = next((n for n in (10, 12, 14) if peak < 1 << n), None)
+    fitting = next((n for n in _SENSOR_BITS if peak < 1 << n), None)
     if fitting is None:
         return WhiteLevel(full)
     note = f"{label}: no value above {peak} in 16-bit files; if the camera has {fitting} bit, state it"

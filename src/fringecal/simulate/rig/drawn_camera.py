@@ -12,8 +12,13 @@ type Two = tuple[float, float]
 type Three = tuple[float, float, float]
 type Five = tuple[float, float, float, float, float]
 
+# Newton's steps that undo a lens, and the change, relative to the focal length, after which they are done: rounding.
 NEWTON_STEPS = 30
 NEWTON_DONE = 1e-14
+# Rounds in which the focal length is made to give the stated scale, and the relative error after which it does.
+SCALE_ROUNDS, SCALE_DONE = 50, 1e-13
+DIFFERENCE_PX = 0.01  # half the length over which derivatives at the image centre are taken
+UNFOLDED_PX = 1e-6  # within which a corner must come back where it was
 
 
 class Camera(NamedTuple):
@@ -109,10 +114,10 @@ def build_camera(spec: CameraSpec) -> Camera:
     if spec.kind == "telecentric":
         return _framed(_telecentric(spec), spec)
     focal_px = spec.height_mm / spec.scale_mm_per_px
-    for _ in range(50):
+    for _ in range(SCALE_ROUNDS):
         camera = _framed(_pinhole(spec, focal_px), spec)
         ratio = np.mean(scales_at_centre(camera, spec)) / spec.scale_mm_per_px
-        if abs(ratio - 1) < 1e-13:
+        if abs(ratio - 1) < SCALE_DONE:
             break
         focal_px *= ratio
     _refuse_folded(camera, spec)
@@ -153,7 +158,7 @@ def _derivatives(camera: Camera, spec: CameraSpec) -> tuple[np.ndarray, np.ndarr
     # Central differences over 0.02 px: their error, (0.01 px)^2 times the third derivative, is
     # below 1e-10 of the scale for any lens that images the field without folding it.
     u, v = image_centre(spec)
-    h = 0.01
+    h = DIFFERENCE_PX
     du = np.subtract(ray(camera, u + h, v)[:2], ray(camera, u - h, v)[:2]) / (2 * h)
     dv = np.subtract(ray(camera, u, v + h)[:2], ray(camera, u, v - h)[:2]) / (2 * h)
     return du, dv
@@ -183,7 +188,7 @@ def _refuse_folded(camera: Camera, spec: CameraSpec) -> None:
     corners = np.array([(u, v) for u in (0, spec.width_px - 1) for v in (0, spec.height_px - 1)], float)
     seen = [ray(camera, *corner) for corner in corners]
     back = project(camera, np.array([(ax, ay, 0.0) for ax, ay, _, _ in seen]))
-    if not np.allclose(back, corners, atol=1e-6):
+    if not np.allclose(back, corners, atol=UNFOLDED_PX):
         raise FringecalError(
             f"camera distortion {spec.distortion} folds the picture's corners over; "
             "use smaller coefficients or a longer focal length"

@@ -8,7 +8,10 @@ from fringecal.simulate.rig.drawn_camera import Three, Two
 from fringecal.simulate.rig.rig_spec import ProjectorSpec, RigSpec
 from fringecal.simulate.tracing.compiled import compiled
 
-N_HARMONICS = 63
+N_HARMONICS = 63  # of the slide: a square wave's next one is 1.5 % of the first, and blur takes it
+NEGLIGIBLE = 1e-7  # of the mean light, for harmonics that are left out: a thousandth of 16 bit's last one
+SERIES_SAMPLES = 8192  # of a fringe, for the series of a gamma: harmonics alias from the 8129th on
+ALONG_X = 0.9  # cosine against x from which the projector counts as looking along it
 
 
 class Projector(NamedTuple):
@@ -52,7 +55,7 @@ def build_projector(spec: ProjectorSpec) -> Projector:
     forward /= np.linalg.norm(forward)
     # Any direction across the axis will do for the first slide coordinate: the carrier takes up the
     # turn. The plate's x axis serves unless the projector looks along it.
-    helper = np.eye(3)[int(abs(forward[0]) > 0.9)]
+    helper = np.eye(3)[int(abs(forward[0]) > ALONG_X)]
     first = helper - (helper @ forward) * forward
     first /= np.linalg.norm(first)
     axes = tuple(tuple(row.tolist()) for row in (first, np.cross(forward, first), forward))
@@ -103,7 +106,7 @@ def harmonics(rig: RigSpec) -> np.ndarray:
     series = _square_series(spec) if spec.profile == "square" else _sinusoid_series(spec)
     order = np.arange(series.size)
     series = series / series[0] * np.exp(-2 * (np.pi * order * spec.defocus_mm / spec.pitch_mm) ** 2)
-    kept = np.flatnonzero(np.abs(series) > 1e-7)
+    kept = np.flatnonzero(np.abs(series) > NEGLIGIBLE)
     return series[: max(2, kept[-1] + 1)]
 
 
@@ -115,7 +118,7 @@ def _square_series(spec: ProjectorSpec) -> np.ndarray:
 
 
 def _sinusoid_series(spec: ProjectorSpec) -> np.ndarray:
-    phi = 2 * np.pi * np.arange(8192) / 8192
+    phi = 2 * np.pi * np.arange(SERIES_SAMPLES) / SERIES_SAMPLES
     transmitted = ((1 + spec.contrast * np.cos(phi)) / 2) ** spec.gamma
     series = np.fft.rfft(transmitted).real[: N_HARMONICS + 1] / phi.size
     return np.concatenate([series[:1], 2 * series[1:]])

@@ -32,6 +32,9 @@ def stated_target(capture: CaptureSpec) -> Target | None:
     return load_target(capture.target)
 
 
+SPECK_MM = (0.2, 1.0)  # least and largest radius of dirt: less than a pixel of the thesis's rig, and three of them
+
+
 def field_mm(rig: RigSpec) -> tuple[float, float]:
     """Size of the picture on the plate along x and y."""
     scale = rig.camera.scale_mm_per_px
@@ -41,5 +44,5 @@ def field_mm(rig: RigSpec) -> tuple[float, float]:
 def _specks(rig: RigSpec, n_specks: int) -> np.ndarray:
     """Strew dirt over the field: x, y and radius in mm; it lies where the surface's seed puts it."""
     half = np.array(field_mm(rig)) / 2
-    low, high = [-half[0], -half[1], 0.2], [half[0], half[1], 1.0]
+    low, high = [-half[0], -half[1], SPECK_MM[0]], [half[0], half[1], SPECK_MM[1]]
     return np.random.default_rng([rig.surface.seed, n_specks]).uniform(low, high, (n_specks, 3))

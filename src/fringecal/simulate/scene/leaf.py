@@ -8,6 +8,11 @@ from fringecal.simulate.scene.scene import HeightField, Scene
 
 # Reflectance of a leaf's blade and veins relative to the white plate.
 BLADE, VEIN = 0.55, 0.75
+RIM = 0.3  # share of the way from the outline to the middle over which the leaf rises
+SHARPNESS = (1e-6, 0.999)  # limits: 0 and 1 themselves divide by 0
+# Half widths of veins: on the ridges, in pleats; of the midrib, mm; of side veins, in their spacing (mm), with their
+# slope and brightness.
+RIDGE_VEIN, MIDRIB_MM, SIDE_VEIN, SIDE_SPACING_MM, SIDE_SLOPE, SIDE_SHARE = 0.03, 1.2, 0.04, 14, 0.6, 0.6
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ def leaf_scene(leaf: Leaf | None = None, *, step_mm: float = 0.25) -> Scene:
 def _envelope(leaf: Leaf, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """One inside the leaf, falling to zero at its outline with no slope at either end."""
     rho = np.hypot(2 * x / leaf.width_mm, 2 * y / leaf.length_mm)
-    t = np.clip((1 - rho) / 0.3, 0, 1)
+    t = np.clip((1 - rho) / RIM, 0, 1)
     return t * t * (3 - 2 * t)
 
 
@@ -77,12 +82,13 @@ def _fold(position: np.ndarray, sharpness: float) -> np.ndarray:
 
     The arc sine of ``s sin`` over that of s is a sine for s -> 0 and a triangle for s = 1.
     """
-    s = min(max(sharpness, 1e-6), 0.999)
+    s = min(max(sharpness, SHARPNESS[0]), SHARPNESS[1])
     return 0.5 + 0.5 * np.arcsin(s * np.cos(2 * np.pi * position)) / np.arcsin(s)
 
 
 def _albedo(position: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    on_ridge = np.exp(-(((position - np.round(position)) / 0.03) ** 2))
-    midrib = np.exp(-((x / 1.2) ** 2))
-    side_veins = np.exp(-((((np.abs(x) * 0.6 - y) / 14 % 1 - 0.5) / 0.04) ** 2))
-    return BLADE + (VEIN - BLADE) * np.maximum(np.maximum(on_ridge, midrib), 0.6 * side_veins)
+    on_ridge = np.exp(-(((position - np.round(position)) / RIDGE_VEIN) ** 2))
+    midrib = np.exp(-((x / MIDRIB_MM) ** 2))
+    place = (np.abs(x) * SIDE_SLOPE - y) / SIDE_SPACING_MM % 1 - 0.5
+    side_veins = np.exp(-((place / SIDE_VEIN) ** 2))
+    return BLADE + (VEIN - BLADE) * np.maximum(np.maximum(on_ridge, midrib), SIDE_SHARE * side_veins)

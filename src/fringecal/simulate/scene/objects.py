@@ -14,8 +14,9 @@ from fringecal.simulate.scene.printed_patterns import DOTS, LINES, SQUARES, Patt
 from fringecal.simulate.scene.scene import Scene, Solid, plate
 from fringecal.targets import Target, board_bits
 
-RIDGE_FACETS = 24
-LINE_WIDTH_SHARE = 0.08
+RIDGE_FACETS = 24  # of a rounded ridge: it leaves the circle by 0.05 % of its radius over a right angle
+LINE_WIDTH_SHARE = 0.08  # of the pitch, for grids whose line width is not stated
+GRID_SHARE = 0.9  # of the picture that a grid of unstated size fills
 
 
 def scene_of(target: Target, *, field_mm: tuple[float, float] = (400.0, 400.0)) -> Scene:
@@ -136,7 +137,7 @@ def _line_grid(target: Any, field_mm: tuple[float, float]) -> Pattern:
     pitch = target.pitch_mm.value
     width = target.line_width_mm.value if target.line_width_mm is not None else LINE_WIDTH_SHARE * pitch
     heavy = target.heavy_width_mm.value if target.heavy_width_mm is not None else width
-    counts = target.lines or tuple(max(2, int(0.9 * extent / pitch) + 1) for extent in field_mm)
+    counts = target.lines or tuple(max(2, int(GRID_SHARE * extent / pitch) + 1) for extent in field_mm)
     return Pattern(
         LINES, (counts[0], counts[1]), pitch, width,
         heavy_every=target.heavy_every or 0, heavy_width_mm=heavy, light=target.polarity == "light",

@@ -8,8 +8,8 @@ import numpy as np
 from fringecal.simulate.tracing.compiled import compiled
 
 PLAIN, LINES, SQUARES, DOTS = range(4)
-FAR_MM = 1e9
-PAPER, INK = 1.0, 0.08
+FAR_MM = 1e9  # from any ink, where there is none
+PAPER, INK = 1.0, 0.08  # reflectance against the white plate
 
 
 @dataclass(frozen=True)

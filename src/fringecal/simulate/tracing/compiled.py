@@ -6,7 +6,7 @@ from typing import Any
 
 import numba
 
-ROWS_PER_BAND = 16
+ROWS_PER_BAND = 16  # that one thread draws at a time; the picture does not depend on it
 
 
 def compiled(function: Callable[..., Any]) -> Any:

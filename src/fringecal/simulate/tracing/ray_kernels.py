@@ -16,7 +16,10 @@ type Triple = tuple[float, float, float]
 type Ray = tuple[float, float, float, float]
 
 PLATE = 0
-TOUCH_MM = 1e-7
+TOUCH_MM = 1e-7  # depth of rounding errors: what is less below a surface is on it
+TOUCH_SHARE = 1e-12  # of the way to the lamp: solids that touch a surface meet its light over rounding errors only
+# A ray marches over a height field by its clearance over the steepest slope, and by no less than this; so many steps
+# reach over 80 mm of the roughest field.
 MARCH_STEPS = 4000
 MARCH_MIN_MM = 0.02
 # Rows of `World.solids` and `World.field`.
@@ -254,8 +257,7 @@ def _solid_between(planes: np.ndarray, solids: np.ndarray, surface: int, point: 
                 enter = max(enter, room / rate)
             elif room < 0:
                 leave = -1.0
-        # Solids that touch the surface meet its light over a length of rounding errors only.
-        hidden = hidden or leave - enter > 1e-12
+        hidden = hidden or leave - enter > TOUCH_SHARE
     return hidden
 
 

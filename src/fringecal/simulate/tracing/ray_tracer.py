@@ -19,9 +19,13 @@ from fringecal.simulate.tracing.ray_kernels import World, build_world
 from fringecal.simulate.tracing.sensor import exposed, lamp_factors
 from fringecal.simulate.tracing.shading import Light, Samples, Texture, collect_fringes, collect_room, trace_centres
 
-TEXTURE_CELLS = 256
+TEXTURE_CELLS = 256  # along each side of the texture, before it repeats
+GRAZING = 10  # times its height that a projector may stand off its aim: 6 deg above the plate
+BLUR_REACH = 3  # standard deviations of blur from which a pixel collects light
+EDGE_REACH = 1.3  # times a pixel's reach, for tilt and distortion, which stretch pixels off the centre
 # Optics this sharp pass 0.7 % of what pixels would alias (exp(-2 pi^2 0.5^2) at one line per px).
 OPTICAL_BLUR_PX = 0.5
+# Points of a pixel where an edge may pass; where ink may end too, whose lines are located to a thousandth of a pixel.
 EDGE_SAMPLES = 34
 PRINT_SAMPLES = 89
 # Ink ends over a quarter of a pixel: it keeps the few samples' error of a line's centre in any one row
@@ -133,7 +137,7 @@ def _centres(
 
 def _refuse_grazing(rig: RigSpec) -> None:
     aim, position = np.array(rig.projector.aim_mm), np.array(rig.projector.position_mm)
-    if math.hypot(*(aim - position[:2])) > 10 * position[2]:
+    if math.hypot(*(aim - position[:2])) > GRAZING * position[2]:
         raise FringecalError(f"the projector at {rig.projector.position_mm} mm grazes the plate; raise it above 6 deg")
 
 
@@ -169,11 +173,11 @@ def _samples(rig: RigSpec, scene: Scene, keys: np.ndarray, print_mm: np.ndarray)
     outer = _lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
     blur_px = _optical_blur_px(rig)
     # A pixel collects light from half of its side and three standard deviations of blur around it.
-    reach_px = 0.5 + 3 * blur_px
+    reach_px = 0.5 + BLUR_REACH * blur_px
     window = 2 * math.ceil(reach_px) + 1
     same = ndimage.minimum_filter(keys, window) == ndimage.maximum_filter(keys, window)
-    # Reach along a diagonal, and 30 % for tilt and distortion, which stretch pixels off the centre.
-    edges = ~same | (print_mm < 1.3 * math.sqrt(2) * reach_px * rig.camera.scale_mm_per_px)
+    # The reach along a diagonal.
+    edges = ~same | (print_mm < EDGE_REACH * math.sqrt(2) * reach_px * rig.camera.scale_mm_per_px)
     soft_mm = INK_EDGE_PX * rig.camera.scale_mm_per_px
     return Samples(edges, _two_points(blur_px), _aperture(outer, blur_px), soft_mm)
 
