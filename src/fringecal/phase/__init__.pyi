@@ -128,6 +128,9 @@ from .orders.guided import (
     unwrap_guided as unwrap_guided,
 )
 from .orders.multi_period import (
+    LEAST_PLATE_PIXELS as LEAST_PLATE_PIXELS,
+)
+from .orders.multi_period import (
     NEAR_PLATE_RAD as NEAR_PLATE_RAD,
 )
 from .orders.multi_period import (

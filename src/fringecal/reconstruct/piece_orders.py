@@ -8,7 +8,7 @@ from numba import njit, prange
 from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
-from fringecal.phase import NEAR_PLATE_RAD
+from fringecal.phase import LEAST_PLATE_PIXELS, NEAR_PLATE_RAD
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ class PieceRules:
     Parameters
     ----------
     plate_pixels
-        Least number of pixels on the plate's phase; in fewer, a flank that passes through it would decide.
+        Least number of pixels on the plate's phase.
     plate_share, many_pixels
         Share of a piece's pixels that must be on the plate's phase, unless there are so many: in a large piece chance
         alone brings hundreds there.
@@ -41,7 +41,7 @@ class PieceRules:
         Share of a cycle below the plate in which pieces are looked for too; as much is lost above.
     """
 
-    plate_pixels: int = 200
+    plate_pixels: int = LEAST_PLATE_PIXELS
     plate_share: float = 0.02
     many_pixels: int = 2000
     sample: int = 2000

@@ -7,7 +7,7 @@ import numpy.typing as npt
 from numba import njit
 
 from fringecal.detect.grid.line_points import LineStatus
-from fringecal.detect.grid.shape_map import Deviations, SmoothMap
+from fringecal.detect.grid.shape_map import OUTLIER_SIGMAS, Deviations, SmoothMap
 from fringecal.numerics import robust_sd
 
 FloatArray = npt.NDArray[np.float64]
@@ -27,8 +27,6 @@ MIN_SPREAD = 0.3
 MIN_DETERMINANT = 1e-10
 # Lines that meet at less than about 15 degrees are not a grid's two families.
 MIN_CROSSING_SINE = 0.25
-# Robust standard deviations beyond which a point is an outlier: ink is not normal noise.
-OUTLIER_SIGMAS = 5.0
 # Sharp thin lines sway by this much against the pixel raster; smaller residuals are not outliers.
 OUTLIER_FLOOR_PX = 0.1
 # Least part of a point's variance that its residual keeps beside the parabola that it helped to fit: below, the

@@ -26,6 +26,7 @@ from fringecal.detect.grid.line_points import (
 )
 from fringecal.detect.grid.line_weights import Weights, line_kinds
 from fringecal.detect.grid.nodes import Edges, edges_between, predict_missing, stubs
+from fringecal.detect.grid.seeds import MIN_CROSSINGS
 from fringecal.detect.grid.shape_map import SmoothMap, deviations, fit_to_nodes, fit_to_points
 from fringecal.detect.grid.tears import without_torn_islands
 from fringecal.errors import DetectionError
@@ -60,8 +61,6 @@ MIN_STUB_CONTRAST = 0.5
 MAX_STUB_OFFSET_PX = 0.5
 # Part of the points of an edge that must be good for its line to be there.
 MIN_GOOD_PART = 0.5
-# Crossings joined by lines: three by three, with which a map of degree 1 has something left to check.
-MIN_CROSSINGS = 9
 # A slipped index displaces a crossing by a whole spacing; the map of degree 3 follows lenses far better.
 MAX_STRAY = 0.5
 # Rounds, the second with a map without the first one's strays; and the part of the crossings that must suit the map, or

@@ -18,7 +18,7 @@ LEVEL_SIGMA_PX = 1.5
 BACKGROUND_SIGMA_PX = 6.0
 # Shorter side of the coarsest level: three lines of the widest spacing.
 COARSEST_LEVEL_PX = 40
-# Extrema of a lattice: three by three.
+# Extrema of a lattice, and crossings of a grid: three by three.
 MIN_CROSSINGS = 9
 # Ground and rms are taken from the level reduced by this: nothing finer survives in them. The rms is that over so many
 # pixels of it squared, about 30 x 30 of the level.

@@ -32,8 +32,8 @@ NEGLIGIBLE_PX = 1e-3
 RIDGE = 1e-13
 # The map only has to be near; the parabolas use all points.
 MAX_POINTS = 1_500
-# Robust standard deviations beyond which a point does not count for the map.
-REJECT_SIGMAS = 5.0
+# Robust standard deviations beyond which a point is an outlier: ink is not normal noise.
+OUTLIER_SIGMAS = 5.0
 
 
 @dataclass(frozen=True)
@@ -144,7 +144,7 @@ def fit_to_points(
     design, target = np.concatenate(designs), np.concatenate(targets)
     first, flat = _fitted(smooth, design, target, shape)
     rest = target - design @ flat
-    kept = np.abs(rest) <= max(REJECT_SIGMAS * robust_sd(rest, about=0), NEGLIGIBLE_PX)
+    kept = np.abs(rest) <= max(OUTLIER_SIGMAS * robust_sd(rest, about=0), NEGLIGIBLE_PX)
     return first if kept.all() else _fitted(smooth, design[kept], target[kept], shape)[0]
 
 

@@ -143,6 +143,7 @@ def absolute_phase(orders: FringeOrders) -> AbsolutePhase:
     in_one_cycle = bool(high - low < turn)
     phase = np.where(main, found.phase, np.nan)
     if in_one_cycle:
-        phase = orders.phase - turn * np.rint((orders.phase - (low + high) / 2) / turn)
+        middle = (low + high) / 2
+        phase = middle + wrap(orders.phase - middle, turn)
     left = np.isfinite(phase)
     return AbsolutePhase(phase, float((high - low) / TURN), in_one_cycle, float(1 - left.sum() / known.sum()))

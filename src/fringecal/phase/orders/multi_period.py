@@ -23,11 +23,14 @@ Three standard deviations of a noise of 0.1 rad, with a little ripple. A surface
 plate does so over a ninth of a fringe; twice as far, over two ninths.
 """
 
+LEAST_PLATE_PIXELS = 200
+"""Pixels on the plate's phase that decide an order by it; fewer are a flank that passes through it."""
+
 _MOST_FRINGES = 1024  # of a cycle: 1024 orders are tried at every pixel, and a projector shows no more fringes
 # A cycle ends where the periods meet again: to within 0.25 rad, which noise hides, and so much closer than before.
 _MEETS_TURNS, _CLOSER = 0.04, 0.5
 _RATIO_TOLERANCE = 1e-4  # of a ratio of periods, within which two sets are of the same periods
-_LEAST_VOTES, _LEAD = 200, 3  # px that agree on the plate's number, and times as many as for any other number
+_LEAD = 3  # times as many pixels as for any other number must agree on the plate's
 _CHI2_MEDIAN = 0.455  # median of chi squared with one degree of freedom
 
 
@@ -182,7 +185,7 @@ def plate_number(orders: FringeOrders, plate_rad: ArrayLike) -> int | None:
     on_plate = np.abs(turns - near) < NEAR_PLATE_RAD / TURN  # false where either is missing
     votes = np.bincount(near[on_plate].astype(np.int64) % orders.cycle, minlength=2)
     first, second = np.sort(votes)[::-1][:2]
-    return int(votes.argmax()) if first >= max(_LEAST_VOTES, _LEAD * second) else None
+    return int(votes.argmax()) if first >= max(LEAST_PLATE_PIXELS, _LEAD * second) else None
 
 
 def cycle_of(ratios: ArrayLike) -> int:
