@@ -14,6 +14,7 @@ from fringecal.phase.demodulation.phase_shifts import StepEstimate, steps_and_bl
 from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
 from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
+from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
 from fringecal.phase.diagnostics.symptoms import TESTS
 
 
@@ -62,6 +63,7 @@ def diagnose(
     reference: ArrayLike | None = None,
     mask: ArrayLike | None = None,
     mm_per_rad: float | None = None,
+    limits: FindingLimits = FINDING_LIMITS,
 ) -> Diagnosis:
     """Look for every fault that phase-shifted frames can show.
 
@@ -80,6 +82,8 @@ def diagnose(
         True where the surface is smooth, (H, W).
     mm_per_rad
         Height that one radian stands for, to state costs in mm.
+    limits
+        From which size on a fault is named.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def diagnose(
     steps = np.asarray(steps_rad, np.float64).ravel()
     # A misfit is a symptom here, and no reason to look away.
     map_ = demodulate(grey, steps, white_level=white_level, max_misfit=np.inf)
-    evidence = _with_reference(Evidence(sparse(grey), steps, map_), grey, reference, white_level)
+    evidence = _with_reference(Evidence(sparse(grey), steps, map_, limits=limits), grey, reference, white_level)
     notes: list[str] = []
     ripple: dict[int, complex] = {}
     try:

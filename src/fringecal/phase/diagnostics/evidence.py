@@ -7,16 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.phase.demodulation.blocks import Block
-from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.demodulation.demodulate import TYPICAL_PERCENTILE, PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod
 from fringecal.phase.demodulation.phase_shifts import StepEstimate
 from fringecal.phase.demodulation.waveform import Waveform
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
+from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
 
-SIGNIFICANT = 4.0
-"""Standard uncertainties beyond which a deviation is believed."""
-
-_SAMPLES_ALONG = 160
+_SAMPLES_ALONG = 160  # along each axis of the sparse sample: 25 000 pixels
+_LIT = 0.2  # of the picture's better part, above which a pixel is lit
 
 
 @dataclass(frozen=True)
@@ -68,6 +67,8 @@ class Evidence:
         As measured.
     reference, reference_period
         The same sample of the reference frames, (N, M), and their fringe period.
+    limits
+        From which size on a fault is named.
     """
 
     frames: NDArray[np.float64]
@@ -79,6 +80,7 @@ class Evidence:
     wave: Waveform | None = None
     reference: NDArray[np.float64] | None = None
     reference_period: FringePeriod | None = None
+    limits: FindingLimits = FINDING_LIMITS
 
 
 def sparse(frames: NDArray) -> NDArray[np.float64]:
@@ -89,5 +91,5 @@ def sparse(frames: NDArray) -> NDArray[np.float64]:
     finite = np.isfinite(level)
     if not finite.any():
         return np.zeros((len(sample), 1))
-    lit = finite & (level > 0.2 * np.percentile(level[finite], 95))
+    lit = finite & (level > _LIT * np.percentile(level[finite], TYPICAL_PERCENTILE))
     return sample[:, lit if lit.any() else finite]

@@ -102,7 +102,9 @@ def demand_phase(summary: PhaseSummary, frames: ArrayLike, steps_rad: ArrayLike)
         raise PhaseError(f"{swapped[0].what} ({swapped[0].how_large}): {swapped[0].remedy}")
     shares = summary.map.shares()
     if shares["valid"] < LEAST_VALID:
-        causes = ", ".join(f"{k.replace('_', ' ')} {v:.0%}" for k, v in shares.items() if k != "valid" and v >= 0.005)
+        causes = ", ".join(
+            f"{k.replace('_', ' ')} {v:.0%}" for k, v in shares.items() if k != "valid" and v >= LEAST_VALID
+        )
         raise PhaseError(
             f"{shares['valid']:.2%} of the pixels carry fringes ({causes or 'none'}). Needed: pictures of one scene "
             "with fringes that move by the stated steps; check exposure, lamp and the list of pictures"

@@ -10,12 +10,6 @@ from fringecal.numerics import wrap
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
-EQUAL_SHARE = 0.15
-"""Two frames are of one step if they differ by less than this share of what frames of this set differ by."""
-
-_MISORDERED = 0.3
-_MOST_PERMUTED = 6
-
 
 def _differences(frames: NDArray) -> dict[tuple[int, int], float]:
     """Return the rms difference of every pair of frames."""
@@ -25,12 +19,13 @@ def _differences(frames: NDArray) -> dict[tuple[int, int], float]:
 
 def duplicates(evidence: Evidence) -> Iterator[Finding]:
     """Find frames that show the same step: copies bit by bit (stale), or taken anew (duplicate)."""
-    differences = _differences(evidence.frames)
+    differences, limits = _differences(evidence.frames), evidence.limits
     typical = max(differences.values())
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
     for (i, j), difference in differences.items():
         apart = abs(float(wrap(evidence.steps_rad[i] - evidence.steps_rad[j])))
-        if apart < 0.1 or difference > EQUAL_SHARE * typical or typical < 3 * noise:
+        unlike = difference > limits.equal_share * typical or typical < limits.above_noise * noise
+        if unlike or apart < limits.apart_rad:
             continue
         copied = difference == 0
         yield Finding(
@@ -46,7 +41,7 @@ def duplicates(evidence: Evidence) -> Iterator[Finding]:
 
 def misordered(evidence: Evidence) -> Iterator[Finding]:
     """Find frames in another order than their steps, from the misfit of four frames and more."""
-    n = len(evidence.frames)
+    n, limits = len(evidence.frames), evidence.limits
     if n < 4:
         return
     steps = evidence.steps_rad
@@ -55,12 +50,13 @@ def misordered(evidence: Evidence) -> Iterator[Finding]:
     power = np.cov(evidence.frames, bias=True)
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) ** 2 * (n - 3)
     as_stated = float(np.trace(outside @ power))
-    orders = list(permutations(range(n))) if n <= _MOST_PERMUTED else list(_exchanges(n))
+    orders = list(permutations(range(n))) if n <= limits.most_permuted else list(_exchanges(n))
     misfits = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
     # Several orders of evenly spaced steps fit alike: of these, the one that moves the fewest frames.
-    alike = np.flatnonzero(misfits <= 1.05 * misfits.min())
+    alike = np.flatnonzero(misfits <= limits.alike * misfits.min())
     best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
-    if misfits.min() < _MISORDERED * as_stated and as_stated > 10 * noise and as_stated > 0.05 * np.trace(power):
+    seen = max(limits.misfit_over_noise * noise, limits.misfit_of_power * float(np.trace(power)))
+    if misfits.min() < limits.misordered * as_stated and as_stated > seen:
         yield Finding(
             FindingKind.SWAPPED_FRAMES,
             f"the frames fit the stated steps in the order {', '.join(str(k + 1) for k in best)}",
@@ -84,7 +80,7 @@ def mirrored(evidence: Evidence) -> Iterator[Finding]:
         return
     here, there = (np.array(p.gradient_rad_px) for p in (evidence.period, evidence.reference_period))
     cosine = float(here @ there / np.hypot(*here) / np.hypot(*there))
-    if cosine < -0.5:
+    if cosine < evidence.limits.mirrored_cosine:
         yield Finding(
             FindingKind.SWAPPED_FRAMES,
             "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
@@ -104,7 +100,8 @@ def foreign(evidence: Evidence) -> Iterator[Finding]:
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
     differences = differences.min(axis=1)  # frames in another order are another fault
     worst, rest = int(differences.argmin()), np.delete(differences, differences.argmin())
-    if differences[worst] < 2 * noise and rest.min() > 4 * max(differences[worst], noise):
+    shown, others = evidence.limits.shown_noise, evidence.limits.foreign_noise
+    if differences[worst] < shown * noise and rest.min() > others * max(differences[worst], noise):
         yield Finding(
             FindingKind.STALE_FRAME,
             f"frame {worst + 1} shows the reference and not what the other frames show",

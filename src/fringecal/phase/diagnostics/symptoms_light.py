@@ -5,25 +5,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from fringecal.phase.demodulation.demodulate import Reason
-from fringecal.phase.demodulation.phase_shifts import share_of_mean
+from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, share_of_mean
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
-from fringecal.phase.diagnostics.evidence import SIGNIFICANT, Evidence, Finding
+from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
-LEAST_GAIN_ERROR = 0.01
-LEAST_BLUR = 0.04
-LEAST_CLIPPING = 0.045
-OF_GAMMA = 0.35
-LEAST_SECOND_HARMONIC = 0.04
-LEAST_RIPPLE_RAD = 0.012
-LEAST_SATURATED = 0.003
-LEAST_CONTRAST = 0.25
+_NO_LIGHT = 1e-6  # grey levels, instead of a division by 0
 
 
 def saturated(evidence: Evidence) -> Iterator[Finding]:
     """Find clipped crests: pixels at the white level."""
     share = float(((evidence.map.reasons & Reason.SATURATED) > 0).mean())
-    if share > LEAST_SATURATED:
+    if share > evidence.limits.saturated:
         yield Finding(
             FindingKind.SATURATION,
             "pixels reach the white level at the crest of the fringes and are masked",
@@ -42,7 +35,7 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
     modulation, background = gain - 1, share - 1
     blurred = modulation - background
     worst = int(np.abs(background).argmax())
-    if abs(background[worst]) > max(LEAST_GAIN_ERROR, SIGNIFICANT * u_background[worst]):
+    if abs(background[worst]) > max(evidence.limits.background, SIGNIFICANT * u_background[worst]):
         level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
         error = phase_error(evidence.steps_rad, gains=1 + modulation, offsets=level * background)
         yield Finding(
@@ -54,7 +47,8 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
         )
     weakest = int(blurred.argmin())
     u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
-    if -blurred[weakest] > max(LEAST_BLUR, SIGNIFICANT * u_blurred) and abs(background[worst]) < LEAST_BLUR:
+    least = evidence.limits.blur
+    if -blurred[weakest] > max(least, SIGNIFICANT * u_blurred) and abs(background[worst]) < least:
         yield Finding(
             FindingKind.VIBRATION,
             f"the fringes of frame {weakest + 1} are weaker at the same brightness: they moved while it was exposed",
@@ -66,7 +60,7 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
 
 def waveform(evidence: Evidence) -> Iterator[Finding]:
     """Find fringes that are no cosine: a gamma, or a clipped slide."""
-    wave = evidence.wave
+    wave, limits = evidence.wave, evidence.limits
     if wave is None:
         return
     second, third = float(wave.ratios[0].real), float(wave.ratios[1].real)
@@ -74,7 +68,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
     clipped = third - of_gamma
     # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
-    if abs(clipped) > max(LEAST_CLIPPING, SIGNIFICANT * wave.u[1], OF_GAMMA * abs(second)):
+    if abs(clipped) > max(limits.clipping, SIGNIFICANT * wave.u[1], limits.of_second * abs(second)):
         yield Finding(
             FindingKind.CLIPPED_SLIDE,
             "the fringes have flat tops or bottoms: the slide or the projector clips them",
@@ -84,7 +78,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
         )
         return
     harm = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.significant))
-    if harm > LEAST_RIPPLE_RAD or abs(wave.significant[0]) > LEAST_SECOND_HARMONIC:
+    if harm > limits.gamma_rad or abs(wave.significant[0]) > limits.second_harmonic:
         yield Finding(
             FindingKind.GAMMA,
             "projector or camera does not answer in proportion to light",
@@ -102,8 +96,8 @@ def contrast(evidence: Evidence) -> Iterator[Finding]:
     if not map_.valid.any():
         return
     use = map_.valid & lit
-    ratio = float(np.median(map_.modulation[use] / np.maximum(map_.background[use], 1e-6))) if use.any() else 0.0
-    if ratio < LEAST_CONTRAST:
+    ratio = float(np.median(map_.modulation[use] / np.maximum(map_.background[use], _NO_LIGHT))) if use.any() else 0.0
+    if ratio < evidence.limits.contrast:
         yield Finding(
             FindingKind.DEFOCUS,
             "the fringes are weak against their background: out of focus, or drowned in other light",

@@ -4,17 +4,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fringecal.phase.demodulation.phase_shifts import RARE
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
-
-LEAST_COST_RAD = 0.004
-"""A systematic error of the phase below this (rms) is not worth a word: the noise of one good pixel is 0.01."""
-
-LEAST_PERIOD_PX = 6.0
-LEAST_FRINGES = 4.0
-LEAST_GRADIENT_RAD = np.deg2rad(0.7)
-_CHANCE = 1e-4
 
 
 def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
@@ -24,8 +17,8 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
         return
     error = phase_error(steps.stated_rad, true_steps_rad=steps.steps_rad)
     worst = int(np.abs(steps.errors_rad).argmax())
-    sure = abs(steps.errors_rad[worst]) > steps.coverage(_CHANCE) * steps.u_rad[worst]
-    if sure and ripple_rms(error) > LEAST_COST_RAD:
+    sure = abs(steps.errors_rad[worst]) > steps.coverage(RARE) * steps.u_rad[worst]
+    if sure and ripple_rms(error) > evidence.limits.steps_rad:
         found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(steps.steps_rad))
         yield Finding(
             FindingKind.WRONG_STEPS,
@@ -38,7 +31,7 @@ def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
     height, width = evidence.map.phase.shape
     change = steps.field_change_rad_px((height, width))
     largest = float(np.abs(change * [width, height]).max())
-    if largest > LEAST_GRADIENT_RAD:
+    if largest > evidence.limits.change_rad:
         yield Finding(
             FindingKind.UNEVEN_STEPS,
             "a step is not the same all over the field: the fringes turned or stretched as they were moved",
@@ -56,7 +49,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
     height, width = evidence.map.phase.shape
     direction = np.deg2rad(period.direction_deg)
     length = width * abs(np.cos(direction)) + height * abs(np.sin(direction))
-    if period.period_px < LEAST_PERIOD_PX:
+    if period.period_px < evidence.limits.period_px:
         yield Finding(
             FindingKind.SHORT_FRINGES,
             "a pixel averages over a large part of a fringe, and edges mix fringes",
@@ -64,7 +57,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
             None,
             "use a coarser slide or a closer camera",
         )
-    elif length / period.period_px < LEAST_FRINGES:
+    elif length / period.period_px < evidence.limits.fringes:
         yield Finding(
             FindingKind.LONG_FRINGES,
             "there are few fringes in the picture: a height moves the phase little",
