@@ -10,8 +10,8 @@ MAD_TO_SD = 1.4826
 (P. J. Rousseeuw and C. Croux, J. Am. Stat. Assoc. 88 (1993) 1273)."""
 
 MEDIAN_TO_MEAN = math.sqrt(math.pi / 2)
-"""Standard deviation of a median over that of a mean, for many values from a normal distribution
-(M. G. Kendall and A. Stuart, The Advanced Theory of Statistics 1, 10.10: the variance of a median is pi / 2n)."""
+"""Standard deviation of a median over that of a mean, of many values from a normal distribution: a median's variance is
+`1 / (4 n f^2)`, with the density `f = 1 / (sqrt(2 pi) s)` there."""
 
 UNIFORM_SD = 1 / math.sqrt(12)
 """Standard deviation over full width of a uniform distribution, as rounding has (JCGM 100:2008, 4.3.7)."""

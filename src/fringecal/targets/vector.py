@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Literal
 from xml.sax.saxutils import escape
 
-POINTS_PER_MM = 72 / 25.4  # of PDF (ISO 32000-1, 8.3.2.3)
+POINTS_PER_MM = 72 / 25.4  # points of 1/72 inch, as PDF counts them
 DIGIT_WIDTH = 0.556  # of the font size, Helvetica
 # Control points of a quarter circle as a cubic; the curve leaves the circle by at most 2.8e-4 of the radius.
 QUARTER_ARC = 4 / 3 * (math.sqrt(2) - 1)

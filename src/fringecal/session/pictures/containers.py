@@ -16,12 +16,12 @@ MAX_PIXELS = 1 << 28
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
-_ORIENTATION_TAG, _ORIENTATIONS = 274, range(1, 9)  # EXIF 2.32, 4.6.4
+_ORIENTATION_TAG, _ORIENTATIONS = 274, range(1, 9)  # of EXIF
 _IHDR_SIZE, _CHUNK_FRAME = 13, 12  # bytes of a PNG's header chunk; of a chunk's length, name and checksum
 _LEAST_DEPTH = 8  # bits per channel: fewer levels show no phase
 _BMP_HEADER = 54  # bytes of both headers
 _IFD_ENTRY, _LEAST_TIFF = 12, 10  # bytes of an entry of a TIFF directory, and of a block that holds one at all
-# Markers of a JPEG (ITU-T T.81, table B.1): fill byte, start of scan, APP1 (EXIF), start of frame (baseline, extended,
+# Markers of a JPEG (ITU-T T.81, annex B): fill byte, start of scan, APP1 (EXIF), start of frame (baseline, extended,
 # progressive).
 _FILL, _SCAN, _APP1, _FRAMES = 0xFF, 0xDA, 0xE1, (0xC0, 0xC1, 0xC2)
 
