@@ -62,8 +62,8 @@ class HeightMap:
     def mean_uncertainty(self, weights: NDArray[np.floating]) -> float:
         """Return u of a weighted mean of z: systematic parts add up, random ones average out.
 
-        `u^2 = w^T Cov w` with `Cov = diag(u_r^2) + sum_k c_k c_k^T`: the propagation of JCGM 102:2011 of
-        independent random parts and of K causes that all pixels share; weights are normalised to sum 1.
+        `u^2 = w^T Cov w` with `Cov = diag(u_r^2) + sum_k c_k c_k^T`, the propagation of
+        JCGM 102:2011 with independent random parts and K components that all pixels share; weights sum to 1.
         """
         w = np.where(self.mask, weights, 0.0)
         w = w / w.sum()
