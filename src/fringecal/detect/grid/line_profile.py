@@ -163,7 +163,7 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
     (3.0, 0.8)
     """
     peak = max(float(brightness.max()), NO_LIGHT)
-    above = brightness > 0.5 * peak
+    above = brightness > 0.5 * peak  # the width at half height is the first guess
     width = max(1.0, float(above.sum()) * float(distance_px[1] - distance_px[0]))
 
     def misfit(p: FloatArray) -> FloatArray:
@@ -174,7 +174,7 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
         misfit,
         [min(width, 1.5 * half), BLUR_PX, 1.0, 0.0],
         bounds=(LEAST, [2 * half, half, MOST_PEAK, 1.0]),
-        x_scale=[1.0, 0.3, 1.0, 0.3],
+        x_scale=[1.0, 0.3, 1.0, 0.3],  # about what each changes by
         ftol=FTOL,
         xtol=XTOL,
     )

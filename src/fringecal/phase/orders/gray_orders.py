@@ -48,6 +48,7 @@ class GrayRules:
 
 
 GRAY_RULES = GrayRules()
+_NO_CHANGE_RAD = 1e-9  # of the phase, instead of a division by 0
 
 
 def orders_by_gray(map_: PhaseMap, frames: ArrayLike, *, rules: GrayRules = GRAY_RULES) -> FringeOrders:
@@ -143,7 +144,7 @@ def _numbers_per_fringe(
         small = both & (np.abs(step) <= 1)  # over an edge of the surface nothing is to be learned
         total += float(np.abs(change[small]).sum())
         code_steps += float(np.abs(step[small]).sum())
-    ratio = TURN * code_steps / max(total, 1e-9)
+    ratio = TURN * code_steps / max(total, _NO_CHANGE_RAD)
     nearest = max(1, round(ratio))
     if not rules.numbers_from < ratio / nearest < rules.numbers_to:
         raise PhaseError(

@@ -7,6 +7,8 @@ from scipy import special
 from fringecal.errors import PhaseError
 from fringecal.numerics import TURN
 
+_NO_NOISE_RAD = 1e-12  # instead of a division by 0
+
 
 def unwrap_temporal(coarse: ArrayLike, fine: ArrayLike, ratio: float) -> NDArray[np.float64]:
     """Give a fine phase the fringe order that an absolute coarse phase implies.
@@ -104,4 +106,4 @@ def order_error_rate(u_coarse_rad: ArrayLike, u_fine_rad: ArrayLike, ratio: floa
     '0.194'
     """
     spread = np.hypot(ratio * np.asarray(u_coarse_rad, np.float64), u_fine_rad)
-    return special.erfc(np.pi / (np.sqrt(2) * np.maximum(spread, 1e-12)))
+    return special.erfc(np.pi / (np.sqrt(2) * np.maximum(spread, _NO_NOISE_RAD)))

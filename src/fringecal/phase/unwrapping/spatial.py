@@ -23,6 +23,7 @@ The first must lie below 0.59, where random pixels of a square lattice hang toge
 raster order would join the whole picture, across edges too.
 """
 _SAMPLE_PIXELS = 20_000  # that the shares are taken from: the share of 0.5 is then met to 0.4 %
+_NONE = 1e-30  # instead of a division by 0, where no pixel has any quality
 _NO_QUALITY = 1e-6  # of the best quality, added to all: a quality of 0 is bad, and not infinitely so
 
 
@@ -119,7 +120,7 @@ def _same_shape(array: ArrayLike, shape: tuple[int, ...], name: str) -> NDArray:
 def _badness(quality: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float32]:
     """Turn a quality into what the buckets are sorted by; unknown quality is the worst."""
     q = np.nan_to_num(_same_shape(quality, shape, "quality").astype(np.float32), nan=0.0, neginf=0.0)
-    return (1 / (_NO_QUALITY + np.maximum(q, 0) / max(float(q.max(initial=0)), 1e-30))).astype(np.float32)
+    return (1 / (_NO_QUALITY + np.maximum(q, 0) / max(float(q.max(initial=0)), _NONE))).astype(np.float32)
 
 
 def _classified(badness: NDArray[np.float32], wrapped: NDArray) -> NDArray[np.uint8]:
