@@ -24,5 +24,5 @@ def test_both_objects_are_read_at_both_angles(cases):
 
 def test_the_section_counts_what_is_off(cases):
     frame = analytic_section(cases).tables[0].frame
-    for case, counted in zip(cases, frame["pixels off by more than 1 px"], strict=True):
+    for case, counted in zip(cases, frame["pixels with an error over 1 px"], strict=True):
         assert counted == (np.abs(case.height_px - case.true_px) > 1).sum()

@@ -18,7 +18,7 @@ from fringecal.workflows.procedure.run import parse_page
 
 FOLDER = Path(__file__).parents[2] / "procedures"
 PAGES = sorted(path for path in FOLDER.glob("*.md") if path.name != "README.md")
-SECTIONS = ["Purpose", "Artefacts", "Environment", "Steps", "What good and bad look like", "Acceptance", "Record"]
+SECTIONS = ["Purpose", "Artefacts", "Environment", "Procedure", "What good and bad look like", "Acceptance", "Record"]
 
 
 def parts(page):

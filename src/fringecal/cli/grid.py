@@ -1,4 +1,4 @@
-"""`fringecal grid`: the lines of a grid picture, the scale they give, and whether the lens bends them."""
+"""`fringecal grid`: the lines of a grid picture, the scale they give, and the lens distortion."""
 
 import sys
 from datetime import UTC, datetime
@@ -130,7 +130,7 @@ def _save(grid: GridPicture, folder: Path, command: tuple[str, ...]) -> list[str
 
 
 def _report(grid: GridPicture, command: tuple[str, ...]) -> Report:
-    """Say what the picture tells."""
+    """Print the results of the picture."""
     return Report(
         title=f"Grid in {grid.name}",
         verdict=Verdict("info", grid_sentence(grid)),
@@ -197,7 +197,7 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
     )
     if scale is not None:
         console.print(_scale_table(document))
-        _say(f"largest error of a distance from the mean factor: {scale.largest_error_percent:+z.2f} %")
+        _say(f"largest error of a distance by the mean scale: {scale.largest_error_percent:+z.2f} %")
     else:
         _say("no scale: name the grid with --target")
     for sentence in distortion_sentences(found.test, found.mm_per_px):
@@ -212,7 +212,7 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
 
 
 def _scale_table(document: dict[str, Any]) -> Table:
-    table = Table(title="Scaling factor from distances between lines; u is a standard uncertainty")
+    table = Table(title="Scale from distances between lines; u is a standard uncertainty")
     for heading in ("direction", "factor / mm/px", "u", "relative"):
         table.add_column(heading, justify="left" if heading == "direction" else "right")
     for name, one in document["scale"].items():

@@ -1,4 +1,4 @@
-"""Pictures of what heights will be known to, and of what one more artefact would buy."""
+"""Pictures of the predicted uncertainty of heights, and of the gain by one more artefact."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,12 +10,12 @@ from fringecal.report.style import GREY, HEIGHT_MAP, PALETTE, WIDTH_IN, colourba
 
 @styled
 def forecast_bars(causes_mm: Mapping[float, Mapping[str, float]], *, title: str = "") -> Figure:
-    """Draw what each cause contributes to the uncertainty of heights, side by side for every height.
+    """Draw what each source contributes to the uncertainty of heights, side by side for every height.
 
     Parameters
     ----------
     causes_mm
-        By height in mm: contribution of each cause to the standard uncertainty, mm.
+        By height in mm: contribution of each source to the standard uncertainty, mm.
     title
         Which rig.
     """
@@ -77,7 +77,7 @@ def gain_lines(
     """
     figure = new_figure(WIDTH_IN, 4.2)
     axes = figure.subplots()
-    axes.plot(heights_mm, before_mm, "o-", color=GREY, label="as it is")
+    axes.plot(heights_mm, before_mm, "o-", color=GREY, label="now")
     for i, (name, values) in enumerate(zip(names, after_mm, strict=True)):
         axes.plot(heights_mm, values, "o-", color=PALETTE[i % len(PALETTE)], label=f"with {name}")
     axes.set_yscale("log")

@@ -23,7 +23,7 @@ from fringecal.report.style import (
     styled,
 )
 
-_PALE = 0.45  # the picture behind its breaks: full black and white would drown them
+_PALE = 0.45  # the picture behind its fringe breaks: full black and white would hide them
 _NEAR_BREAKS = 40  # breaks in the enlarged part of the picture
 
 
@@ -102,7 +102,7 @@ def _draw_theory(axes: Axes, position_mm: np.ndarray, theory_deg: np.ndarray) ->
 
 @styled
 def breaks_overlay(picture: np.ndarray, breaks: Breaks, *, rows: bool = True) -> Figure:
-    """Draw breaks over the picture of the strips: all of them, and enlarged those about the middle.
+    """Draw fringe breaks over the picture of the strips: all of them, and enlarged those about the middle.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def breaks_overlay(picture: np.ndarray, breaks: Breaks, *, rows: bool = True) ->
     breaks
         What was read.
     rows
-        True where the fringes run along rows: shifts are then along columns.
+        True where the fringes run along rows: fringe shifts are then along columns.
     """
     figure = new_figure(9.0, 5.0)
     whole, near = figure.subplots(1, 2)
@@ -125,7 +125,7 @@ def breaks_overlay(picture: np.ndarray, breaks: Breaks, *, rows: bool = True) ->
     near.set_xlim(middle[0] - reach, middle[0] + reach)
     near.set_ylim(middle[1] + reach, middle[1] - reach)
     near.set_title("enlarged, about the middle")
-    whole.set_title(f"{np.count_nonzero(breaks.used)} breaks")
+    whole.set_title(f"{np.count_nonzero(breaks.used)} fringe breaks")
     figure.legend(*near.get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
@@ -137,7 +137,7 @@ def _draw_breaks(axes: Axes, breaks: Breaks, *, rows: bool, size: float) -> None
     used = breaks.used
     axes.add_collection(LineCollection(list(np.stack([on_plate, on_strip], axis=1)[used]), colors=INK, lw=0.2 * size))
     for points, chosen, colour, marker, label in (
-        (on_plate, used, BLUE, "o", "the fringe on the plate, carried across"),
+        (on_plate, used, BLUE, "o", "the fringe on the plate, extrapolated under the strip"),
         (on_strip, used, ORANGE, "o", "the same fringe on the strip"),
         (on_strip, ~used, INK, "x", "left out"),
     ):
@@ -147,7 +147,7 @@ def _draw_breaks(axes: Axes, breaks: Breaks, *, rows: bool, size: float) -> None
 
 @styled
 def angle_field(calibration: RigCalibration, field_mm: tuple[float, float, float, float], breaks: Breaks) -> Figure:
-    """Draw lines of equal projection angle over the plate, and the breaks' own angles as dots of the same colours.
+    """Draw lines of equal projection angle over the plate, and the angles at fringe breaks as dots of the same scale.
 
     Parameters
     ----------

@@ -167,25 +167,25 @@ def neglect_map(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: floa
     shape
         (H, W) of the picture, px.
     mm_per_px
-        Mean factor; without it the error is in px.
+        Mean scale; without it the error is in px.
     """
     figure = new_figure(WIDTH_IN, 5.2)
     axes = figure.subplots()
-    cost = cost_of_neglect_px(test) * (mm_per_px or 1.0)
+    error = cost_of_neglect_px(test) * (mm_per_px or 1.0)
     dots = axes.scatter(
-        test.points_px[:, 0], test.points_px[:, 1], c=cost, s=_dot_size(len(cost)), cmap=HEIGHT_MAP, vmin=0.0
+        test.points_px[:, 0], test.points_px[:, 1], c=error, s=_dot_size(len(error)), cmap=HEIGHT_MAP, vmin=0.0
     )
     axes.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
     image_axes(axes)
     unit = "px" if mm_per_px is None else "mm"
     colourbar(axes, dots, f"distance from the best plane view / {unit}")
-    axes.set_title(f"largest {cost.max():.3g} {unit}, rms {np.sqrt(np.mean(cost**2)):.3g} {unit}", loc="left")
+    axes.set_title(f"largest {error.max():.3g} {unit}, rms {np.sqrt(np.mean(error**2)):.3g} {unit}", loc="left")
     return figure
 
 
 @styled
 def scale_map(detection: GridDetection, pitch_mm: float, mm_per_px: float) -> Figure:
-    """Colour the pieces of line between crossings by the error of their length from the one mean factor.
+    """Colour the pieces of line between crossings by the error of their length from the mean scale.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def scale_map(detection: GridDetection, pitch_mm: float, mm_per_px: float) -> Fi
     pitch_mm
         True length of every piece, mm.
     mm_per_px
-        The mean factor.
+        The mean scale.
     """
     figure = new_figure(10.0, 4.6)
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
@@ -208,7 +208,7 @@ def scale_map(detection: GridDetection, pitch_mm: float, mm_per_px: float) -> Fi
         axes.set(xlim=(-0.5, detection.shape[1] - 0.5), ylim=(detection.shape[0] - 0.5, -0.5))
         axes.set_title(f"along the grid's {name}", loc="left")
         image_axes(axes)
-    colourbar(panels[1], dots, "error of a length by the mean factor / %", extend="both")
+    colourbar(panels[1], dots, "error of a length by the mean scale / %", extend="both")
     return figure
 
 
@@ -240,7 +240,7 @@ def section_plot(sections: Mapping[str, LineSection]) -> Figure:
     for axes, (name, section) in zip(panels, sections.items(), strict=True):
         axes.plot(section.distance_px, section.grey, color=BLUE, lw=GUIDE_PT)
         axes.vlines(section.line_px, *axes.get_ylim(), color=ORANGE, lw=0.6, alpha=0.7)
-        axes.set(xlabel="way across the lines / px", ylabel="grey level", xlim=(0, section.line_px[-1]))
+        axes.set(xlabel="distance across the lines / px", ylabel="grey level", xlim=(0, section.line_px[-1]))
         axes.set_title(f"across the {name} lines; found lines marked", loc="left")
     return figure
 

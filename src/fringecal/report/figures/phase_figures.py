@@ -1,4 +1,4 @@
-"""Phase figures: the wrapped phase, its uncertainty, why pixels are masked, and what the doctor sees."""
+"""Phase figures: the wrapped phase, its uncertainty, why pixels are masked, and the diagnostics."""
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -33,7 +33,7 @@ from fringecal.report.style import (
 _REASONS = (
     (Reason.LOW_MODULATION, "low modulation", SKY),
     (Reason.DARK, "dark", INK),
-    (Reason.MISFIT, "misfit", PURPLE),
+    (Reason.MISFIT, "large residual", PURPLE),
     (Reason.SATURATED, "saturated", ORANGE),
     (Reason.OUTSIDE, "outside", GREEN),
 )
@@ -88,7 +88,7 @@ def phase_overview(map_: PhaseMap, *, title: str = "") -> Figure:
 
 @styled
 def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
-    """Draw what the doctor looks at: ripple against phase and by order, shape of the fringes, each frame.
+    """Draw the diagnostics: ripple against phase and by order, waveform, each frame.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
 
 
 _LEAST_RIPPLE_RAD = 0.02  # of a scale: what is smaller matters little, and must not look large
-_CAUSES = {1: "lamp", 2: "steps"}
+_CAUSES = {1: "lamp drift", 2: "phase shifts"}
 _PHASE_TICKS = ([-np.pi, -np.pi / 2, 0, np.pi / 2, np.pi], ["-π", "-π/2", "0", "π/2", "π"])
 
 
@@ -132,26 +132,26 @@ def _error(axes: Axes, diagnosis: Diagnosis) -> None:
 
 
 def _ripple(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Draw the amplitude of each order of ripple, with the family of causes that it points to."""
+    """Draw the amplitude of each order of ripple, with the usual cause of each."""
     axes.set_title("ripple by order")
     if not diagnosis.ripple_rad:
         _nothing(axes)
         return
-    # N steps turn harmonics N - 1 and N + 1 of the fringes into a ripple of order N.
+    # N phase shifts turn harmonics N - 1 and N + 1 of the fringes into a ripple of order N.
     n = len(diagnosis.steps.stated_rad) if diagnosis.steps is not None else 3
     causes = _CAUSES | {n: "gamma"}
     orders, amplitudes = zip(*diagnosis.ripple_rad.items(), strict=True)
     places = range(len(orders))
     axes.bar(places, amplitudes, color=[ORANGE if k in causes else GREY for k in orders], width=0.6)
     axes.set_xticks(list(places), [f"{k}\n{causes.get(k, '')}" for k in orders])
-    axes.set_xlabel("order: ripples per fringe, and usual cause")
+    axes.set_xlabel("order: periods per fringe, and usual cause")
     axes.set_ylabel("amplitude / rad")
     axes.set_ylim(0, max(_LEAST_RIPPLE_RAD, 1.1 * max(amplitudes)))
 
 
 def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Draw the fringes' shape from its measured harmonics beside the cosine that it should be."""
-    axes.set_title("shape of the fringes")
+    """Draw the waveform from its measured harmonics beside a cosine."""
+    axes.set_title("waveform")
     if diagnosis.wave is None:
         _nothing(axes)
         return
@@ -163,12 +163,12 @@ def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
     axes.plot(angle, shape, color=BLUE, label=f"measured (exponent {diagnosis.wave.gamma:.2f})")
     axes.set_xticks(*_PHASE_TICKS)
     axes.set_xlabel("phase from the crest / rad")
-    axes.set_ylabel("light / modulation")
+    axes.set_ylabel("intensity / modulation")
     axes.legend(loc="lower center")
 
 
 def _frames(axes: Axes, diagnosis: Diagnosis) -> None:
-    """Draw what each frame is off by: its step, and its modulation."""
+    """Draw by how much each frame differs from the stated one: phase shift and modulation."""
     axes.set_title("each frame")
     steps = diagnosis.steps
     if steps is None:
@@ -176,7 +176,9 @@ def _frames(axes: Axes, diagnosis: Diagnosis) -> None:
         return
     places = np.arange(len(steps.stated_rad))
     error, u = np.rad2deg(steps.errors_rad), np.rad2deg(steps.u_rad)
-    axes.bar(places - 0.2, error, 0.36, yerr=2 * u, color=BLUE, ecolor=INK, label="step - stated / deg (bars: 2 u)")
+    axes.bar(
+        places - 0.2, error, 0.36, yerr=2 * u, color=BLUE, ecolor=INK, label="phase shift - stated / deg (bars: 2 u)"
+    )
     axes.bar(places + 0.2, 100 * (steps.gain_per_frame - 1), 0.36, color=AMBER, label="modulation - mean / %")
     axes.axhline(0, color=INK, linewidth=GUIDE_PT)
     largest = max(1.0, np.abs(error).max(), 100 * np.abs(steps.gain_per_frame - 1).max())

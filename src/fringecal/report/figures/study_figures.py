@@ -27,7 +27,7 @@ def coverage_bars(
     names
         The quantities.
     coverage
-        Share of intervals that hold the truth.
+        Share of intervals that hold the true value.
     bands
         Lower and upper end of each share's 95 % band.
     wanted
@@ -44,7 +44,7 @@ def coverage_bars(
     axes.set_yticks(place, names)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
-    axes.set(xlabel="95 % intervals that hold the truth / %")
+    axes.set(xlabel="95 % intervals that hold the true value / %")
     figure.legend(loc="outside lower center", ncols=3)
     return figure
 

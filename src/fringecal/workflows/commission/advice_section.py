@@ -1,4 +1,4 @@
-"""The report's last word on a rig: what heights will be known to, and what to measure next."""
+"""The predicted uncertainty of heights in a report, and what to measure next."""
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 def advice_section(found: Commissioning) -> Section:
-    """Say how uncertain heights will be over the field, why, and what one more artefact would buy."""
+    """Say how uncertain heights will be over the field, from which sources, and the gain by one more artefact."""
     advice, result = found.advice, found.calibrated.result
     tables = (_forecast_table(advice), _gain_table(advice), *_further_tables(result))
     return Section("What to measure next", (*advice.sentences, *result.contradictions), tables, _figures(advice))
@@ -42,8 +42,8 @@ def _forecast_table(advice: Advice) -> Table:
         for f in advice.forecasts
     ]
     frame = pd.DataFrame(rows)
-    note = "standard uncertainty, root mean square over the field, then by cause; noise of single pixels left out"
-    return Table("Heights by cause", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+    note = "standard uncertainty, root mean square over the field, then by source; noise of single pixels left out"
+    return Table("Predicted height uncertainty by source", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
 
 
 def _gain_table(advice: Advice) -> Table:
@@ -55,7 +55,7 @@ def _gain_table(advice: Advice) -> Table:
         rows.append(row)
     frame = pd.DataFrame(rows)
     note = "predicted by the joint fit with the artefact added; the best first"
-    return Table("What one more artefact would buy", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+    return Table("Gain by one more artefact", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
 
 
 def _further_tables(result: Calibrated) -> tuple[Table, ...]:
@@ -80,7 +80,7 @@ def _figures(advice: Advice) -> tuple[FigureItem, ...]:
     live = Live(_readable(middle.u_px, middle.v_px, middle.u_mm))
     alt = f"Standard uncertainty, from {float(middle.u_mm.min()):.2g} to {float(middle.u_mm.max()):.2g} mm."
     items = (
-        FigureItem("Causes of height uncertainty", forecast_bars(causes), advice.sentences[len(causes) // 2]),
+        FigureItem("Sources of height uncertainty", forecast_bars(causes), advice.sentences[len(causes) // 2]),
         FigureItem("Height uncertainty over the field", field, alt, "png", live),
     )
     if not advice.gains:

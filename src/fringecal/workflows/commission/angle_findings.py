@@ -1,4 +1,4 @@
-"""The projection angle and all that it rests on: breaks of fringes, tables 3.5 and 3.6, the map over the field."""
+"""The projection angle and all that it rests on: fringe breaks, tables 3.5 and 3.6, the map over the field."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -39,7 +39,7 @@ class AngleFindings:
     Parameters
     ----------
     session, estimator
-        What was measured, and how breaks were read.
+        What was measured, and how fringe breaks were read.
     camera, calibration
         The camera on the plate, and the rig fitted to the breaks.
     breaks
@@ -51,7 +51,7 @@ class AngleFindings:
     order
         How the fringe order was decided.
     displacement
-        Where the lamp stands against where it is said to, or None.
+        The projector position found against the stated one, or None.
     picture
         The first picture of the strips.
     """
@@ -85,15 +85,15 @@ class AngleFindings:
     def sentences(self) -> tuple[str, ...]:
         """What a reader should know: the order, and whether the measured geometry agrees with the stated one."""
         used = int(np.count_nonzero(self.breaks.used))
-        counted = f"{used} breaks by the {self.estimator} estimator, {self.breaks.strip.size - used} left out."
+        counted = f"{used} fringe breaks by the {self.estimator} estimator, {self.breaks.strip.size - used} left out."
         order = f"Fringe order: {self.order.reason}."
         found = counted, order, *self.camera.notes
         if self.displacement is None:
-            return *found, "No position of the lamp to compare with: state projector.position_mm."
+            return *found, "No projector position to compare with: state projector.position_mm."
         return *found, self.displacement.sentence()
 
     def breaks_frame(self) -> pd.DataFrame:
-        """Tabulate the breaks."""
+        """Tabulate the fringe breaks."""
         return pd.DataFrame(self.breaks.columns())
 
 
@@ -117,7 +117,7 @@ def gather_angles(  # noqa: PLR0913, PLR0917 -- private: gathers what one estima
     order: OrderDecision,
     picture: NDArray,
 ) -> AngleFindings:
-    """Gather what one estimator of breaks found, beside what the stated rig asks for."""
+    """Gather what one estimator of fringe breaks found, beside what the stated positions give."""
     stated = projector_of(session)
     origin = angles_at_origin(calibration, stated)
     by_fringe = estimator == "skeleton"

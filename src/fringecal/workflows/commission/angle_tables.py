@@ -1,4 +1,4 @@
-"""The projection angle in reports: tables 3.5 and 3.6, breaks over the picture; and what is uncertain in a rig."""
+"""The projection angle in reports: tables 3.5 and 3.6, fringe breaks over the picture; and the budgets of a rig."""
 
 import math
 
@@ -22,9 +22,9 @@ _FORMATS = {
     "v / px": ".0f",
     "x / mm": ".1f",
     "y / mm": ".1f",
-    "breaks": "d",
-    "shift / px": "+z.3f",
-    "shift / mm": "+z.3f",
+    "fringe breaks": "d",
+    "fringe shift / px": "+z.3f",
+    "fringe shift / mm": "+z.3f",
     "angle / deg": ".3f",
     "dof": DOF,
     "U / deg": DOUBT,
@@ -38,10 +38,10 @@ _DOUBTS = {"angle / deg": "u / deg", "theory / deg": "u(theory) / deg"}
 
 
 def angle_section(found: AngleFindings) -> Section:
-    """Give the projection angle over the field, from the strips' breaks, beside theory."""
+    """Give the projection angle over the field, from the fringe breaks at the strips, beside theory."""
     sentences = (
         "The projection angle is measured from the plate's normal, in the plane across the local fringe; the apparent "
-        "angle is what a fringe's break shows to the camera, the camera's own angle included.",
+        "angle is what a fringe break shows to the camera, the angle of the camera's own ray included.",
         *found.sentences,
     )
     tables, figures = [], []
@@ -51,7 +51,7 @@ def angle_section(found: AngleFindings) -> Section:
             compared = (
                 "theory from the stated positions, En = difference / root sum of squares of both U"
                 if found.theory
-                else "no theory: no position of the lamp stated"
+                else "no theory: no projector position is stated"
             )
             note = f"{line}; {CONVENTION}; {compared}; {EXPANDED_BY}"
             tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
@@ -68,9 +68,9 @@ def columns_frame(rows: tuple[AxisAngle, ...]) -> pd.DataFrame:
         {
             place[0]: c.place_px,
             place[1]: c.place_mm,
-            "breaks": c.breaks,
-            "shift / px": c.shift_px,
-            "shift / mm": c.shift_mm,
+            "fringe breaks": c.breaks,
+            "fringe shift / px": c.shift_px,
+            "fringe shift / mm": c.shift_mm,
             "angle / deg": c.angle.value,
             "u / deg": c.angle.u,
             "dof": c.angle.dof,
@@ -104,35 +104,35 @@ def _angle_figure(rows: tuple[AxisAngle, ...], caption: str, label: str) -> Figu
 
 
 def breaks_section(found: AngleFindings) -> Section:
-    """Show every break in the picture, and tabulate them by strip."""
+    """Show every fringe break in the picture, and tabulate them by strip."""
     figure = breaks_overlay(found.picture, found.breaks, rows=found.along == "rows")
     used = int(np.count_nonzero(found.breaks.used))
-    alt = f"The strips' picture with {used} breaks: where each fringe is on the plate, and where on the strip."
-    item = FigureItem("Breaks in the picture", figure, alt, "png")
-    return Section("Breaks", (), (_by_strip(found),), (item,))
+    alt = f"The strips' picture with {used} fringe breaks: where each fringe is on the plate, and where on the strip."
+    item = FigureItem("Fringe breaks in the picture", figure, alt, "png")
+    return Section("Fringe breaks", (), (_by_strip(found),), (item,))
 
 
 def _by_strip(found: AngleFindings) -> Table:
-    """Tabulate the breaks by strip: number, usual shift, scatter of the angles."""
+    """Tabulate the fringe breaks by strip: number, mean fringe shift, scatter of the angles."""
     frame = found.breaks_frame()
     good = frame[frame["status"] != OFF].groupby("strip")
     table = pd.DataFrame(
         {
-            "breaks": good.size(),
+            "fringe breaks": good.size(),
             "left out": frame["status"].eq(OFF).groupby(frame["strip"]).sum(),
-            "mean shift / px": good["shift_px"].mean(),
-            "mean shift / mm": good["shift_mm"].mean(),
+            "mean fringe shift / px": good["shift_px"].mean(),
+            "mean fringe shift / mm": good["shift_mm"].mean(),
             "u of one / px": good["sigma_px"].median(),
             "mean angle / deg": good["angle_deg"].mean(),
             "standard deviation / deg": good["angle_deg"].std(),
         }
     ).reset_index()
     formats = dict.fromkeys(table.columns[3:], ".3f")
-    return Table("Breaks by strip", table, f"all breaks are in breaks.csv; {CONVENTION}", formats)
+    return Table("Fringe breaks by strip", table, f"all fringe breaks are in breaks.csv; {CONVENTION}", formats)
 
 
 def budgets_section(result: Calibrated) -> Section:
-    """Say what the uncertainties of angle, scale and heights are made of."""
+    """Give the uncertainty budgets of angle, scale and heights."""
     angle = budget_table("Budget of the projection angle", result.origin.budget)
     scale = budget_table("Budget of the mean scale", result.camera.scale_budget)
     first = angle.frame.iloc[0]
@@ -144,11 +144,11 @@ def budgets_section(result: Calibrated) -> Section:
     alt = f"Bars: the largest share of the variance, {first.iloc[2]:.0f} %, is that of {first.iloc[0]}."
     heights = heights_table(result.rig, result.plate.noise_rad)
     item = FigureItem("Budget of the projection angle", figure, alt)
-    return Section("Budgets", (), (angle, scale, heights), (item,))
+    return Section("Uncertainty budgets", (), (angle, scale, heights), (item,))
 
 
 def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
-    """Tabulate what a height will be known to: by influence, at centre and corner, for three heights.
+    """Tabulate the predicted uncertainty of a height: by source, at centre and corner, for three heights.
 
     Parameters
     ----------
@@ -167,11 +167,16 @@ def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
             )
     frame = pd.DataFrame(rows)
     formats = dict.fromkeys(frame.columns[2:], DOUBT)
-    return Table("What a height will be known to", frame, "standard uncertainty of one pixel's height, mm", formats)
+    return Table(
+        "Predicted uncertainty of a height",
+        frame,
+        "standard uncertainty of one pixel's height in mm, by source",
+        formats,
+    )
 
 
 def _heights(calibration: RigCalibration) -> tuple[float, ...]:
-    """Heights that advice is given for, smaller by tens until they suit the field."""
+    """Heights that advice is given for, divided by ten until they suit the field."""
     x_min, x_max, y_min, y_max = field_mm(calibration)
     decade = min(0, math.floor(math.log10(min(x_max - x_min, y_max - y_min) / _FIELD_MM)))
     return tuple(height * 10.0**decade for height in HEIGHTS_MM)
@@ -180,7 +185,7 @@ def _heights(calibration: RigCalibration) -> tuple[float, ...]:
 def _height_budget(
     calibration: RigCalibration, pixel: tuple[float, float], height_mm: float, noise_rad: float
 ) -> dict[str, float]:
-    """Contributions to u of one pixel's height by influence, mm, and all of them together."""
+    """Contributions to u of one pixel's height by source, mm, and all of them together."""
     rays = calibration.camera.rays(*pixel)
     phase = calibration.model.phase(*rays.at(height_mm), height_mm)
 

@@ -46,7 +46,7 @@ def _bars_section(found: Verification) -> Section:
 
 
 def repeats_section(found: PlateRepeats | None) -> tuple[Section, ...]:
-    """Say what the repeats of the bare plate show."""
+    """Give the noise and the plate form that the repeats of the bare plate show."""
     if found is None:
         return ()
     shifts = ", ".join(f"{shift:+z.4f}" for shift in found.shift_rad)
@@ -55,8 +55,8 @@ def repeats_section(found: PlateRepeats | None) -> tuple[Section, ...]:
             "Repeats of the bare plate",
             (
                 f"From {found.sets} repeats the phase of one set scatters by {found.noise_rad:.4f} rad (rms over the "
-                f"picture); the camera's noise predicts {found.predicted_rad:.4f} rad: {concise(found.ratio)} times.",
-                f"The whole moved by {shifts} rad from repeat to repeat.",
+                f"picture); the camera's noise predicts {found.predicted_rad:.4f} rad, ratio {concise(found.ratio)}.",
+                f"The mean phase moved by {shifts} rad from repeat to repeat.",
                 f"What all repeats have in common and no model explains is {concise(found.form_mm)} rms as a height: "
                 "the plate's form, finer than the smooth residual that the model takes up.",
             ),

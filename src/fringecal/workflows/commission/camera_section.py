@@ -80,7 +80,7 @@ def shape_table(fit: CameraFit) -> Table:
 
 
 def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
-    """Tabulate the scale at nine places of the picture and what the mean factor errs by there."""
+    """Tabulate the scale at nine places of the picture and the error of the mean scale there."""
     rows = []
     for v_name, v_share in (("top", RIM), ("middle", 0.5), ("bottom", 1 - RIM)):
         for u_name, u_share in (("left", RIM), ("centre", 0.5), ("right", 1 - RIM)):
@@ -100,7 +100,7 @@ def local_scale_table(camera: PlateCamera, mean_mm_per_px: float) -> Table:
     formats = dict.fromkeys(("u / px", "v / px"), ".0f")
     formats |= dict.fromkeys(("along u / (mm/px)", "along v / (mm/px)"), ".5f")
     formats |= dict.fromkeys(("error along u / %", "error along v / %"), "+z.2f")
-    note = "error of a short distance on the plate computed with the mean factor"
+    note = "error of a short distance on the plate computed with the mean scale"
     return Table("Scale over the field", pd.DataFrame(rows), note, formats)
 
 
@@ -121,7 +121,7 @@ def local_scale(camera: PlateCamera, u_px: float, v_px: float) -> tuple[float, f
 
 
 def largest_scale_error_percent(found: CameraFindings) -> float:
-    """Return the largest error over the field of distances computed with the mean factor, percent."""
+    """Return the largest error over the field of distances computed with the mean scale, percent."""
     frame = local_scale_table(found.fit.camera, found.scales["mean"].value).frame
     return float(frame[["error along u / %", "error along v / %"]].abs().to_numpy().max())
 
@@ -131,9 +131,9 @@ def _sentences(found: CameraFindings, capture: Capture) -> tuple[str, ...]:
     name = capture.name if capture.target is None else capture.target.name
     used = int(np.isfinite(fit.residual_u_px).sum())
     return (
-        f"{used} of {grid.u_px.size} crossings of {name} agree with one flat sheet seen by one camera; "
+        f"{used} of {grid.u_px.size} crossings of {name} fit one flat sheet seen by one camera; "
         f"residual {fit.rms_px:.3f} px rms per coordinate, sheet turned by {fit.turn_deg:+z.2f} deg.",
-        f"With the mean scale alone, distances are wrong by up to {largest_scale_error_percent(found):.2g} %.",
+        f"With the mean scale alone, distances have errors of up to {largest_scale_error_percent(found):.2g} %.",
     )
 
 

@@ -88,7 +88,7 @@ def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]
 
 
 def _frames_check(examined: "Examination", limits: Limits) -> Check:
-    """Judge what the doctor found wrong with frames and the phase used is not corrected for."""
+    """Judge the findings of the diagnostics for which the phase used is not corrected."""
     left = [finding for finding in examined.findings if finding.kind not in examined.undone]
     cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
     limit = limits.commission.frames_rad
@@ -100,12 +100,12 @@ def _frames_check(examined: "Examination", limits: Limits) -> Check:
         unit="rad",
         # A diagnosis from the frames alone proves no error of heights: at worst it is a condition.
         decision="pass" if cost <= limit else "conditionalFail",
-        rule=f"rms error of the phase by what the doctor found and was not undone ({named}), at most the limit",
+        rule=f"rms phase error by findings of the diagnostics that are not corrected ({named}), at most the limit",
     )
 
 
 def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
-    """Hold the projector found against its stated position, where there is one."""
+    """Compare the projector position found with the stated one, where there is one."""
     moved = found.angles.displacement
     if moved is None:
         return ()
@@ -121,13 +121,13 @@ def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
 
 
 def _heights_check(result: Calibrated) -> Check:
-    """Hold the stated heights against each other, or say that nothing in the session can."""
+    """Compare the stated heights with each other, or say that nothing in the session can."""
     name = "stated heights against one another"
     if not result.standards:
         # Plate and strips alone fit any height of the strips equally well: a wrong one scales all heights.
         known = result.origin.theory is not None
         rule = (
-            "only the stated projector position bears the strips' height out; see the angle against theory"
+            "only the stated projector position confirms the strips' height; see the angle against theory"
             if known
             else "nothing in this session would show a wrong strip height; state projector.position_mm, or add an "
             'artefact of known height with use = "calibration"'
@@ -139,7 +139,7 @@ def _heights_check(result: Calibrated) -> Check:
         value=largest,
         limit=CONTRADICTS,
         decision="fail" if largest > CONTRADICTS else "pass",
-        rule="no stated height is moved by more standard uncertainties than this so that all agree",
+        rule="largest change of a stated height, in its standard uncertainties, that makes all heights agree",
     )
 
 

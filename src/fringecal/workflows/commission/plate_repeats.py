@@ -58,7 +58,7 @@ def plate_repeats(reference: CapturePhase, plate_phase_rad: Array, calibration: 
 
     Notes
     -----
-    Movement of the whole between repeats is taken off and told as `shift_rad`. A variance from R repeats is
+    Changes of the mean phase between repeats are subtracted and returned as `shift_rad`. A variance from R repeats is
     ``sum (x - mean)^2 / (R - 1)``; means over blocks, in the same way, say how much of the blocks' mean residual is
     noise, and the rest of its square is form (JCGM 100:2008, 4.2).
     """

@@ -92,11 +92,11 @@ def _subtitle(session: Session) -> str:
 
 
 def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
-    """Defend the decision: what failed by name, or what holds."""
+    """Give the reason of the decision: the checks that failed by name, or the residual."""
     result = found.calibrated.result
     failed = [check.name for check in checks if check.decision in ("fail", "conditionalFail")]
     rms = f"{result.fit.rms_rad:.3f} rad"
-    residual = f"One rig model explains plate and strips to {rms}; the strips' fringe order was decided."
+    residual = f"One rig model fits plate and strips to {rms} rms; the strips' fringe order was decided."
     head = f"Not within its limit: {', '.join(failed)}." if failed else residual
     return " ".join((head, result.origin.sentence, *found.verified.sentences))
 
@@ -121,7 +121,7 @@ def _facts(found: Calibrated) -> tuple[Fact, ...]:
         *facts,
         Fact("Plate residual", f"{found.fit.plate_rms_rad:.4f} rad", "rms"),
         Fact("Lens distortion", lens.verdict, distortion_size(lens)),
-        Fact("Mean scale alone errs by", largest, "at most, over the field"),
+        Fact("Largest error of the mean scale", largest, "of a short distance, over the field"),
     )
 
 

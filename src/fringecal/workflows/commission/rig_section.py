@@ -35,7 +35,7 @@ def strips_section(found: CalibratedSession, residuals: ResidualMaps) -> Section
 
 
 def _orders_table(found: CalibratedSession) -> Table:
-    """Tabulate every fringe order tried: what it would mean for the rig."""
+    """Tabulate every fringe order tried, and the rig that would follow from it."""
     decisions = {id(decision): decision for decision in found.result.orders.values()}
     rows = [
         {
@@ -47,7 +47,7 @@ def _orders_table(found: CalibratedSession) -> Table:
             "line height / mm": candidate.line_height_mm,
             "line side / mm": candidate.line_side_mm,
             "residual / rad": candidate.block_rms_rad,
-            "off prediction / rad": candidate.predicted_difference_rad,
+            "phase - prediction / rad": candidate.predicted_difference_rad,
         }
         for decision in decisions.values()
         for candidate in decision.candidates
@@ -57,14 +57,14 @@ def _orders_table(found: CalibratedSession) -> Table:
         "line height / mm": ".0f",
         "line side / mm": ".0f",
         "residual / rad": ".4f",
-        "off prediction / rad": "+z.2f",
+        "phase - prediction / rad": "+z.2f",
     }
-    note = "place of the projector's line; prediction from the stated position, where there is one"
+    note = "place of the projector's line; prediction from the stated projector position, where there is one"
     return Table("Fringe order of the strips", pd.DataFrame(rows), note, formats)
 
 
 def _strips_table(residuals: ResidualMaps) -> Table:
-    """Tabulate the strips seen, with the height by which each disagrees with the common fit."""
+    """Tabulate the strips seen, with the height by which each deviates from the joint fit."""
     rows = []
     for point in residuals.strips:
         for label in np.unique(point.label[point.label > 0]):
@@ -81,7 +81,7 @@ def _strips_table(residuals: ResidualMaps) -> Table:
             )
     rows.sort(key=lambda row: row["strip"])
     formats = {"height / mm": ".4g", "median residual / rad": "+z.4f", "as height / mm": "+z.4f"}
-    note = "residual against the common fit: a strip that is higher than stated stands out"
+    note = "residual of the joint fit; a strip whose stated height is wrong has a large one"
     return Table("Strips", pd.DataFrame(rows), note, formats, {"height / mm": "u / mm"})
 
 
@@ -95,14 +95,14 @@ def _strips_figure(found: CalibratedSession) -> FigureItem:
 
 
 def rig_section(found: CalibratedSession, residuals: ResidualMaps) -> Section:
-    """Say how well one rig model explains plate and strips, and where it puts the projector."""
+    """Give the residuals of plate and strips in the joint fit, and the projector position."""
     fit = found.result.fit
     used, total = (sum(int(n) for n in counts) for counts in zip(*(_counts(r) for r in fit.residuals), strict=True))
     sentences = (
-        f"One rig model of {len(RIG_NAMES)} numbers and a smooth plate residual explains {used} of {total} points on "
+        f"The rig model of {len(RIG_NAMES)} numbers and a smooth plate residual fits {used} of {total} points on "
         f"plate and strips to {fit.rms_rad:.4f} rad rms ({fit.plate_rms_rad:.4f} rad on the plate).",
-        f"Beyond the noise of a pixel the plate leaves {found.result.rig.excess_rad:.4f} rad, which every height's "
-        "uncertainty includes.",
+        f"Beyond the noise of a pixel the plate's phase scatters by {found.result.rig.excess_rad:.4f} rad, which the "
+        "uncertainty of every height includes.",
         _line_sentence(found),
     )
     tables = (_parameters_table(found.result.rig), *_projector_tables(found))
@@ -121,10 +121,10 @@ def _counts(residual: Array) -> tuple[int, int]:
 
 def _line_sentence(found: CalibratedSession) -> str:
     if not np.all(np.isfinite(found.result.rig.model.projector_mm)):
-        return "The projector's light is parallel as far as can be told: it has no position."
+        return "The projector's light is parallel within its uncertainty: the projector has no position."
     origin = "the stated position" if found.session.projector else "the plate's origin"
     return (
-        "Fringes fix the line on which the projector stands, not the place along it; what is given is the point of "
+        "The fringes determine the line on which the projector stands, not its place along it; given is the point of "
         f"that line nearest to {origin}."
     )
 
@@ -153,11 +153,11 @@ def _projector_tables(found: CalibratedSession) -> tuple[Table, ...]:
     seen = np.array(seen_axes(found.result.rig.model))
     u = np.array([e.u for e in fitted])
     frame = pd.DataFrame({"axis": list("xyz"), "fitted / mm": [e.value for e in fitted], "u / mm": u})
-    frame["from"] = np.where(seen, "fringes", "not seen by these fringes")
+    frame["from"] = np.where(seen, "fringes", "not determined by these fringes")
     if position is None:
         frame.loc[~seen, "u / mm"] = np.nan
     else:
-        frame["from"] = np.where(seen, "fringes", "stated; not seen by these fringes")
+        frame["from"] = np.where(seen, "fringes", "stated; not determined by these fringes")
         frame["stated / mm"], frame["u(stated) / mm"] = position.value_mm, position.u_mm
         frame["difference / mm"] = np.where(seen, frame["fitted / mm"] - position.value_mm, np.nan)
         frame["En"] = [
@@ -166,7 +166,7 @@ def _projector_tables(found: CalibratedSession) -> tuple[Table, ...]:
         ]
     formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
     doubts = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
-    note = "plate frame; the coordinate along the fringes cannot be seen by them"
+    note = "plate frame; the fringes do not determine the coordinate along them"
     if position is not None:
         note = f"{note}; En = difference / root sum of squares of both U; {EXPANDED_BY}"
     doubts = {name: u for name, u in doubts.items() if name in frame}

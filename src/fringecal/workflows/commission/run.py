@@ -31,7 +31,7 @@ class Commissioning:
     verified
         Artefacts that took no part in the fit, measured with its result.
     advice
-        What heights will be known to, and what one more artefact would buy.
+        The predicted uncertainty of heights, and the gain by one more artefact.
     """
 
     calibrated: CalibratedSession
@@ -93,7 +93,7 @@ def judged_session(found: CalibratedSession, *, progress: Progress = lambda _: N
     examined = _examined(found)
     repeats = plate_repeats(found.reference, result.plate.unwrapped_rad, result.rig)
     verified = verify_session(found.session, result.rig, progress=progress)
-    progress("what one more artefact would buy")
+    progress("gain by one more artefact")
     advice = advise(result.observations, result.camera.fit, result.fit, noise_rad=result.plate.noise_rad)
     return Commissioning(found, angles, examined, repeats, verified, advice)
 

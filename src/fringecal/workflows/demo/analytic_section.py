@@ -10,9 +10,10 @@ from fringecal.thesis import ANGLES_DEG, AnalyticCase
 
 _WORDS = (
     "Three cosine images of a rectangle and of a zig-zag on a flat background, amplitude 127.5, are drawn by formula, "
-    "rounded to 8 bits and read back: what the method itself does to a height, without lens, light and rig. A step "
-    "cannot be told from a step one fringe higher: the rectangle's pitch is wide enough that it moves fringes by less "
-    "than half of one. The zig-zag's slopes are followed through several fringes, from the background at its feet on."
+    "rounded to 8 bits and read back: the error of the method itself, without lens, light and rig. A height step "
+    "cannot be distinguished from one that is a whole fringe higher: the rectangle's pitch is wide enough that its "
+    "fringe shift is less than half a fringe. The zig-zag's slopes are unwrapped over several fringes, "
+    "from the background on."
 )
 _OFF_PX = 1.0  # a pixel further off has another fringe's order: noise of 8 bits makes less than a tenth of it
 
@@ -29,7 +30,7 @@ def analytic_section(cases: Sequence[AnalyticCase]) -> Section:
     table = Table(
         "Heights read from images drawn by formula",
         pd.DataFrame([_row(case) for case in cases]),
-        "angles are measured from the normal; pixels off by more than 1 px have another fringe's order: they lie on "
+        "angles are measured from the normal; pixels with an error over 1 px have another fringe's order: they lie on "
         "the upright ends of the zig-zag",
         formats,
         row_header=False,
@@ -48,7 +49,7 @@ def _row(case: AnalyticCase) -> dict[str, object]:
         "pitch / px": case.pitch_px,
         "largest error / px": float(error[right].max()),
         "rms error, those left out / px": float(np.sqrt(np.mean(error[right] ** 2))),
-        "pixels off by more than 1 px": int((~right).sum()),
+        "pixels with an error over 1 px": int((~right).sum()),
     }
 
 

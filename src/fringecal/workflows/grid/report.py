@@ -1,4 +1,4 @@
-"""What one picture of a grid tells, as parts of a report: its lines, the scale of the thesis's tables, the lens."""
+"""Results of one picture of a grid, as parts of a report: its lines, the scale of the thesis's tables, the lens."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ from fringecal.workflows.shared import concise, estimates_table
 
 #: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone: a sheet that is not
 #: flat, or a lens with more terms. Up to it, lines that run nearly along the pixels may be the reason.
-MISFIT = 3.0
+LARGEST_RESIDUAL_RATIO = 3.0
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class GridPicture:
 
     @property
     def mm_per_px(self) -> float | None:
-        """Mean factor, if the pitch is known."""
+        """Mean scale, if the pitch is known."""
         return None if self.scale is None else self.scale.mean.value
 
 
@@ -81,41 +81,41 @@ def _overlay(grid: GridPicture, counts: list[int]) -> FigureItem:
 
 
 def scale_section(grid: GridPicture) -> Section:
-    """Give the factor of the picture, the distances it comes from, and what using it costs (tables 3.1 to 3.4)."""
+    """Give the mean scale, the distances it comes from, and its errors over the field (tables 3.1 to 3.4)."""
     if grid.scale is None or grid.pitch_mm is None:
         return Section("Scale", ("No scale: the grid's target was not named.",))
     scale = grid.scale
     factors = {"along u (vertical lines)": scale.horizontal, "along v (horizontal lines)": scale.vertical}
     others = {"mean": scale.mean, "image centre, by the fitted view": grid.test.scale_at_centre(grid.pitch_mm)}
     figure = FigureItem(
-        "What the mean factor costs over the field",
+        "Error of the mean scale over the field",
         scale_map(grid.detection, grid.pitch_mm.value, scale.mean.value),
-        f"Error of the length of every piece of line by the mean factor, in percent; largest of the check distances "
+        f"Error of the length of every piece of line by the mean scale, in percent; largest of the check distances "
         f"{scale.largest_error_percent:+.3f} %. A slope means tilt, a bowl means lens distortion.",
         "png",
     )
     tables = (
-        estimates_table("Scaling factor from distances between lines", factors | others, first="scale"),
+        estimates_table("Scale from distances between lines", factors | others, first="scale"),
         *thesis_tables(scale),
     )
-    return Section("Scale by the mean factor", (anisotropy_sentence(scale),), tables, (figure,))
+    return Section("Mean scale", (anisotropy_sentence(scale),), tables, (figure,))
 
 
 def anisotropy_sentence(scale: ThesisScale) -> str:
-    """Say whether the factors of both directions differ beyond their scatter."""
+    """Say whether the scales of both directions differ significantly."""
     ratio = scale.anisotropy
     p = scale.anisotropy_p
-    beyond = "differ beyond their scatter" if p < SIGNIFICANCE else "do not differ beyond their scatter"
+    beyond = "differ significantly" if p < SIGNIFICANCE else "do not differ significantly"
     return (
-        f"The two directions {beyond} (vertical over horizontal {concise(ratio)}, p = {p:.2g}); tilt does this as well "
-        "as pixels that are not square. The camera fitted on the plate tells them apart."
+        f"The two directions {beyond} (vertical over horizontal {concise(ratio)}, p = {p:.2g}); a tilt causes this as "
+        "well as pixels that are not square. The camera fit on the plate separates them."
     )
 
 
 def thesis_tables(scale: ThesisScale) -> tuple[Table, ...]:
-    """Tabulate line distances and the errors of the mean factor, the thesis's way (its tables 3.1 to 3.4)."""
-    factors = f"mean factor {concise(scale.mean)}; distances in the middle third of the picture"
-    errors = f"distances at other places by the mean factor; largest error {scale.largest_error_percent:+.3f} %"
+    """Tabulate line distances and the errors of the mean scale, the thesis's way (its tables 3.1 to 3.4)."""
+    factors = f"mean scale {concise(scale.mean)}; distances in the middle third of the picture"
+    errors = f"distances at other places by the mean scale; largest error {scale.largest_error_percent:+.3f} %"
     parts = (
         ("Distances between vertical lines", scale.vertical_lines, factors),
         ("Distances between horizontal lines", scale.horizontal_lines, factors),
@@ -127,14 +127,14 @@ def thesis_tables(scale: ThesisScale) -> tuple[Table, ...]:
 
 _SHOWN = {
     "distance_px": ("mean distance / px", "sd distance / px"),
-    "factor_mm_per_px": ("mean factor / (mm/px)", "sd factor / (mm/px)"),
+    "factor_mm_per_px": ("mean scale / (mm/px)", "sd scale / (mm/px)"),
     "error_mm": ("mean error / mm", "sd error / mm"),
     "error_percent": ("mean error / %", "sd error / %"),
 }
-_SPAN_FORMATS = dict.fromkeys((spread for _, spread in _SHOWN.values()), DOUBT) | {
+_SPAN_FORMATS = dict.fromkeys((sd for _, sd in _SHOWN.values()), DOUBT) | {
     "nominal / mm": "g",
     "mean distance / px": ".3f",
-    "mean factor / (mm/px)": ".5f",
+    "mean scale / (mm/px)": ".5f",
     "mean error / mm": "+z.3f",
     "mean error / %": "+z.3f",
 }
@@ -144,14 +144,14 @@ def _by_span(frame: pd.DataFrame) -> pd.DataFrame:
     """Gather one row for each span between lines: the single distances would fill pages."""
     groups = frame.groupby(["part", "span"], sort=False)
     columns = {"distances": groups.size(), "nominal / mm": groups["distance_mm"].mean()}
-    for name, (mean, spread) in _SHOWN.items():
+    for name, (mean, sd) in _SHOWN.items():
         if name in frame:
-            columns |= {mean: groups[name].mean(), spread: groups[name].std()}
+            columns |= {mean: groups[name].mean(), sd: groups[name].std()}
     return pd.DataFrame(columns).fillna(0.0).reset_index()
 
 
 def distortion_section(grid: GridPicture) -> Section:
-    """Say whether the lens bends, where a reader can check it, and what neglecting it costs."""
+    """Give the lens distortion, its values at check points, and the error of neglecting it."""
     test, shape = grid.test, grid.detection.shape
     points = check_points(test, shape, mm_per_px=grid.mm_per_px)
     formats = dict.fromkeys(points.columns[1:], "+.3f") | dict.fromkeys(("u / px", "v / px"), ".1f")
@@ -167,12 +167,12 @@ def distortion_section(grid: GridPicture) -> Section:
     )
     found = test.verdict != "none"
     neglect = FigureItem(
-        "What neglecting the lens costs" if found else "Crossings off the best plane view",
+        "Error of neglecting the lens" if found else "Distance of the crossings from the best plane view",
         neglect_map(test, shape, mm_per_px=grid.mm_per_px),
         "Every crossing coloured by the error of its position when the lens is neglected."
         if found
-        else "Every crossing coloured by its distance from the best plane view. No lens was found in it: what is left "
-        "is the scatter of the crossings and of the lines' own places.",
+        else "Every crossing coloured by its distance from the best plane view. No distortion was found in "
+        "it: the rest is the scatter of the crossings and of the lines' own places.",
         "png",
     )
     tables = (_straightness_table(test), Table("Distortion at check points", points, note, formats))
@@ -180,7 +180,7 @@ def distortion_section(grid: GridPicture) -> Section:
 
 
 def grid_sentence(grid: GridPicture) -> str:
-    """Say what the picture tells in one line; the sections say how."""
+    """Give the results of the picture in one line; the sections give the details."""
     found, size = grid.test.verdict, distortion_size(grid.test)
     lens = f"no lens distortion was found ({size})" if found == "none" else f"{found} distortion, {size}"
     scale = (
@@ -190,37 +190,37 @@ def grid_sentence(grid: GridPicture) -> str:
 
 
 def distortion_size(test: DistortionTest) -> str:
-    """Say in a few words how large the lens's distortion is, or how large a one would have shown."""
+    """Say in a few words how large the lens's distortion is, or its detection limit."""
     if test.verdict == "none":
-        return f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
+        return f"detection limit {doubt_text(test.detection_limit_px)} px at 95 %"
     return f"{concise(test.max_px)} at {test.radius_px:.0f} px from its centre"
 
 
 def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple[str, ...]:
-    """State verdict, size, detection limit, cost and centre in plain words."""
+    """State verdict, size, detection limit, error of neglecting the lens, and centre."""
     at = f"{value_text(test.max_px.value, test.max_px.u)} px (u = {doubt_text(test.max_px.u)} px) at "
     at += f"{test.radius_px:.0f} px from its centre"
-    limit = f"{doubt_text(test.detection_limit_px)} px would have shown in 95 % of cases"
+    limit = f"detection limit {doubt_text(test.detection_limit_px)} px at 95 %"
     if test.verdict == "none":
-        bent = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
+        verdict = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
     else:
-        bent = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
-    if test.misfit > MISFIT:
-        bent += (
-            f" What the lens leaves of the crossings is {test.misfit:.1f} times their own uncertainty: lines that are "
-            "not quite straight or evenly spaced, a sheet that is not quite flat, or a lens that bends otherwise."
+        verdict = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
+    if test.misfit > LARGEST_RESIDUAL_RATIO:
+        verdict += (
+            f" The crossings' residuals are {test.misfit:.1f} times their own uncertainty: lines that are "
+            "not quite straight or evenly spaced, a sheet that is not quite flat, or a distortion of another form."
         )
     worst = float(cost_of_neglect_px(test).max())
-    cost = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
-    neglected = f"With the lens neglected, positions err by up to {cost}."
+    error = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
+    neglected = f"With the lens neglected, positions have errors of up to {error}."
     if test.verdict == "none":
-        neglected = f"The worst crossing lies {cost} off the best plane view; no lens was found in it."
-    sentences = [bent, neglected]
+        neglected = f"Crossings lie up to {error} from the best plane view; no distortion was found in it."
+    sentences = [verdict, neglected]
     if test.centre is not None:
         u, v = test.centre
         sentences.append(
             f"Its centre lies at u = {concise(u)}, v = {concise(v)}. A tilt of the camera is fitted beside it: "
-            "without that, tilt would pass for a shift of the centre."
+            "without that, a tilt would appear as a displacement of the centre."
         )
     return tuple(sentences)
 

@@ -32,14 +32,14 @@ _LABELS = {
 
 
 def lens_section(known: KnownLens, distance_mm: float | None = None) -> Section:
-    """Say what is known of the lens by itself.
+    """Give parameters and uncertainty of the lens by itself.
 
     Parameters
     ----------
     known
         The lens and where it comes from.
     distance_mm
-        Distance of what the camera looks at, for the map of uncertainty; the boards' own if left out.
+        Distance of the object from the camera, for the map of uncertainty; the boards' own if left out.
     """
     if known.findings is None:
         return Section("Lens", known.notes, (_parameters(known.lens),))
@@ -67,7 +67,7 @@ def lens_report(
         facts=(
             Fact("Focal length", focal, "along u"),
             Fact("Residual", f"{fit.rms_px:.3f} px", f"rms of {fit.points} points"),
-            Fact("Board's bow", _bow(fit), "across its columns and rows"),
+            Fact("Form deviation of the board", _warp(fit), "across its columns and rows"),
             Fact("Pictures", f"{len(fit.views)} of {len(found.pictures)}", "show the board"),
         ),
         sections=(lens_section(KnownLens(lens, findings=found), distance_mm),),
@@ -78,10 +78,10 @@ def lens_report(
     )
 
 
-def _bow(fit: LensFit) -> str:
+def _warp(fit: LensFit) -> str:
     if fit.board_warp_mm is None:
         return "taken as flat"
-    return " and ".join(f"{bow:+.3f}" for bow in fit.board_warp_mm) + " mm"
+    return " and ".join(f"{warp:+.3f}" for warp in fit.board_warp_mm) + " mm"
 
 
 def _parameters(lens: Lens) -> Table:
@@ -94,7 +94,7 @@ def _parameters(lens: Lens) -> Table:
 
 
 def _solution(fit: LensFit, distance_mm: float) -> Table:
-    """Tabulate what the trust in the lens rests on."""
+    """Tabulate points, residuals and uncertainties of the fit."""
     u = fit.uncertainty_at_px(distance_mm)
     rows = [
         ("points used", fit.points, ""),
@@ -103,15 +103,15 @@ def _solution(fit: LensFit, distance_mm: float) -> Table:
         ("mean distance of the boards", fit.distance_mm, "mm"),
         (f"u of the projection at {distance_mm:.0f} mm, median over the picture", float(np.nanmedian(u)), "px"),
         (f"u of the projection at {distance_mm:.0f} mm, largest", float(np.nanmax(u)), "px"),
-        ("enlargement of u by the halves", fit.inflation, ""),
+        ("factor on u from odd against even pictures", fit.inflation, ""),
     ]
     if fit.halves_px is not None:
         rows.append(("odd against even pictures, median", float(np.nanmedian(fit.halves_px)), "px"))
     if fit.board_warp_mm is not None:
         axes = zip(("columns", "rows"), fit.board_warp_mm, strict=True)
-        rows += [(f"bow of the board across its {name}", bow, "mm") for name, bow in axes]
+        rows += [(f"warp of the board across its {name}", warp, "mm") for name, warp in axes]
     frame = pd.DataFrame(rows, columns=["quantity", "value", "unit"])
-    return Table("What the lens rests on", frame, f"solved by {fit.solver}", {"value": ".4g"})
+    return Table("Fit of the lens", frame, f"solved by {fit.solver}", {"value": ".4g"})
 
 
 def _pictures(found: LensFindings) -> Table:
@@ -158,7 +158,7 @@ def _figures(found: LensFindings, distance_mm: float) -> tuple[FigureItem, ...]:
         FigureItem(
             "Coverage of the field",
             lens_coverage(fit),
-            "Points of all boards in the picture, coloured by tilt. Where there are none, the lens is a guess.",
+            "Points of all boards in the picture, coloured by tilt. Where there are none, the lens is extrapolated.",
         ),
         FigureItem(
             "Uncertainty of the projection",

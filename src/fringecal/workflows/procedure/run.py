@@ -113,7 +113,7 @@ def parse_page(name: str, text: str) -> Page:
             purpose=_one_line(_section(body, "Purpose")),
             function=stated["function"],
             verb=stated["verb"],
-            steps=_steps(_section(body, "Steps")),
+            steps=_steps(_section(body, "Procedure")),
             command=command,
             needs={int(step): kind for step, kind in stated.get("needs", {}).items()},
             helps={int(step): kind for step, kind in stated.get("helps", {}).items()},

@@ -1,4 +1,4 @@
-"""The doctor's round in a procedure: what is wrong with a capture's frames, its cost in mm, and what was undone."""
+"""Diagnostics in a procedure: what is wrong with a capture's frames, the error in mm, and what was corrected."""
 
 from dataclasses import dataclass, replace
 
@@ -13,7 +13,7 @@ from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_peri
 
 @dataclass(frozen=True)
 class Examination:
-    """What the doctor found in one capture, and which of it the phase used is corrected for."""
+    """The findings of the diagnostics in one capture, and those for which the phase used is corrected."""
 
     phase: CapturePhase
     diagnosis: Diagnosis
@@ -21,33 +21,33 @@ class Examination:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What is wrong, the costliest first."""
+        """What is wrong, the largest phase error first."""
         return self.diagnosis.findings
 
     def sentences(self) -> tuple[str, ...]:
-        """Say each finding in one sentence: what, how large, what it costs, what was or is to be done."""
+        """Say each finding in one sentence: what, how large, the error it causes, what was or is to be done."""
         return tuple(self._sentence(finding) for finding in self.findings)
 
     def _sentence(self, finding: Finding) -> str:
-        cost = "it costs pixels"
+        effect = "it masks pixels"
         if finding.cost_rad is not None:
             height = "" if finding.cost_mm is None else f", {finding.cost_mm:.3f} mm of height"
-            cost = f"it costs {finding.cost_rad:.3f} rad rms{height}"
-        done = f"undone in the phase used; to be rid of it: {finding.remedy}"
+            effect = f"it causes a phase error of {finding.cost_rad:.3f} rad rms{height}"
+        done = f"corrected in the phase used; to remove the cause: {finding.remedy}"
         what = done if finding.kind in self.undone else finding.remedy
         name = self.phase.capture.name
-        return f"{name}: {finding.kind.text}: {finding.what} ({finding.how_large}); {cost}; {what}."
+        return f"{name}: {finding.kind.text}: {finding.what} ({finding.how_large}); {effect}; {what}."
 
 
 def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture | None = None) -> Examination:
-    """Let the doctor look at a capture's frames.
+    """Diagnose a capture's frames.
 
     Parameters
     ----------
     phase
         The capture as demodulated.
     calibration
-        The rig: it turns costs into heights.
+        The rig: it turns phase errors into height errors.
     plate
         The bare plate's capture of the same session, where `phase` shows something else.
     """

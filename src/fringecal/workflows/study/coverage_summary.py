@@ -1,4 +1,4 @@
-"""What the results of a study say: bias, spread against stated u, and coverage, quantity by quantity."""
+"""What the results of a study say: bias, standard deviation against stated u, and coverage, quantity by quantity."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -47,11 +47,11 @@ class QuantityCoverage:
 
     @property
     def u_bias(self) -> float:
-        """Standard uncertainty of the mean error: spread over the root of the number of rigs."""
-        return self.spread / np.sqrt(self.error.size)
+        """Standard uncertainty of the mean error: standard deviation over the root of the number of rigs."""
+        return self.sd / np.sqrt(self.error.size)
 
     @property
-    def spread(self) -> float:
+    def sd(self) -> float:
         """Standard deviation of the errors."""
         return float(np.std(self.error, ddof=1))
 
@@ -62,17 +62,17 @@ class QuantityCoverage:
 
     @property
     def ratio(self) -> float:
-        """Spread of the errors over what was stated; 1 where statements hold."""
-        return self.spread / self.stated
+        """Standard deviation of the errors over the stated u; 1 where the stated u is right."""
+        return self.sd / self.stated
 
     @property
     def hits(self) -> int:
-        """How many 95 % intervals hold the truth."""
+        """How many 95 % intervals hold the true value."""
         return int(np.count_nonzero(np.abs(self.error) <= self.expanded))
 
     @property
     def coverage(self) -> float:
-        """Share of 95 % intervals that hold the truth."""
+        """Share of 95 % intervals that hold the true value."""
         return self.hits / self.error.size
 
     @property
@@ -82,7 +82,7 @@ class QuantityCoverage:
 
     @property
     def decision(self) -> Decision:
-        """Pass within 93..97 %; conditional where only the band reaches it, fail where not even that does."""
+        """Pass within 93..97 %; conditional fail where only the band reaches it, fail where the band does not."""
         if WANTED[0] <= self.coverage <= WANTED[1]:
             return "pass"
         return "conditionalFail" if self.band[0] <= WANTED[1] and self.band[1] >= WANTED[0] else "fail"
@@ -104,7 +104,7 @@ class StudySummary:
         number = len(self.quantities)
         return (
             f"{self.rigs - len(self.refused)} of {self.rigs} rigs were commissioned, {len(self.refused)} refused. "
-            f"95 % intervals hold the truth in {min(shares):.1f} to {max(shares):.1f} % of the rigs; "
+            f"95 % intervals hold the true value in {min(shares):.1f} to {max(shares):.1f} % of the rigs; "
             f"{within} of {number} quantities lie within {100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f} %."
         )
 
@@ -117,9 +117,9 @@ class StudySummary:
                 "n": q.error.size,
                 "bias": q.bias,
                 "u(bias)": q.u_bias,
-                "spread": q.spread,
+                "standard deviation": q.sd,
                 "stated u": q.stated,
-                "spread / u": q.ratio,
+                "standard deviation / u": q.ratio,
                 "coverage / %": 100 * q.coverage,
                 "from / %": 100 * q.band[0],
                 "to / %": 100 * q.band[1],
@@ -135,7 +135,7 @@ class StudySummary:
 
     def checks(self) -> tuple[Check, ...]:
         """Judge every coverage."""
-        rule = "share of 95 % intervals that hold the truth, 93 to 97 %; fail where its binomial band lies outside"
+        rule = "share of 95 % intervals that hold the true value, 93 to 97 %; fail where its binomial band lies outside"
         return tuple(
             Check(
                 name=f"coverage of {q.name}",
@@ -155,7 +155,7 @@ def summarise(results: Sequence[RigResult]) -> StudySummary:
     Raises
     ------
     FringecalError
-        Fewer than two rigs were commissioned: there is no spread.
+        Fewer than two rigs were commissioned: there is no standard deviation.
     """
     refused = {result.number: result.refused for result in results if result.refused}
     good = [result for result in results if not result.refused]

@@ -10,7 +10,7 @@ from fringecal.workflows.shared import checks_table, severest
 from fringecal.workflows.study.coverage_summary import WANTED, StudySummary
 
 _NOTE = (
-    "error = found - true; spread: standard deviation of the errors; stated u: root mean square; coverage of 95 % "
+    "error = found - true; standard deviation: of the errors; stated u: root mean square; coverage of 95 % "
     "intervals with its 95 % binomial (Wilson) band. Heights are those that the calibration gives the true phase of a "
     "point: the noise of a single pixel takes no part"
 )
@@ -29,12 +29,12 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
     checks = summary.checks()
     worst = max(summary.quantities, key=lambda q: abs(q.ratio - 1))
     return Report(
-        title="Do the stated uncertainties hold?",
+        title="Coverage of the stated uncertainties",
         subtitle=f"{summary.rigs} virtual rigs",
         verdict=Verdict(severest(checks), summary.sentence),
         facts=(
             Fact("Rigs", str(summary.rigs), f"{len(summary.refused)} refused"),
-            Fact("Spread over stated u", f"{worst.ratio:.2f}", f"farthest from 1: {worst.name}"),
+            Fact("Standard deviation over stated u", f"{worst.ratio:.2f}", f"farthest from 1: {worst.name}"),
         ),
         sections=(
             Section("Coverage", (summary.sentence,), (coverage_table(summary),), _figures(summary)),
@@ -48,9 +48,10 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
 
 
 def coverage_table(summary: StudySummary) -> Table:
-    """Tabulate bias, spread and coverage of every quantity."""
+    """Tabulate bias, standard deviation and coverage of every quantity."""
     percent = dict.fromkeys(("coverage / %", "from / %", "to / %"), ".1f")
-    formats = {"bias": "+.2g", "spread / u": ".2f"} | dict.fromkeys(("spread", "stated u"), DOUBT)
+    widths = dict.fromkeys(("standard deviation", "stated u"), DOUBT)
+    formats = {"bias": "+.2g", "standard deviation / u": ".2f"} | widths
     return Table("Coverage", summary.frame(), _NOTE, formats | percent, {"bias": "u(bias)"})
 
 
@@ -62,13 +63,13 @@ def _figures(summary: StudySummary) -> tuple[FigureItem, ...]:
     scores = {q.name: q.z for q in quantities if q.unit != "mm"}
     if heights := [q.z for q in quantities if q.unit == "mm"]:
         scores["heights"] = np.concatenate(heights)
-    spread = ", ".join(f"{name} {float(np.std(z)):.2f}" for name, z in scores.items())
+    widths = ", ".join(f"{name} {float(np.std(z)):.2f}" for name, z in scores.items())
     return (
         FigureItem("Coverage of 95 % intervals", bars, summary.sentence),
         FigureItem(
             "Errors over their uncertainties",
             z_histograms(scores),
-            f"Histograms beside the standard normal density, which has standard deviation 1: {spread}.",
+            f"Histograms beside the standard normal density, which has standard deviation 1: {widths}.",
         ),
     )
 

@@ -64,7 +64,7 @@ _POOLED_COLUMNS = {
     "mean_percent": ("mean / %", "+z.3f"),
     "max_percent": ("max / %", ".3f"),
     "worst_band_percent": ("worst band / %", ".3f"),
-    "mean_of_max_percent": ("mean of the profiles' maxima / %", ".3f"),
+    "mean_of_max_percent": ("mean of the maximum errors / %", ".3f"),
     "rms_mm_edges": ("rms with edges / mm", ".4f"),
     "max_percent_edges": ("max with edges / %", ".2f"),
 }
@@ -99,13 +99,13 @@ def verification_report(
 
 
 def verdict_of(errors: ZigzagErrors) -> Verdict:
-    """Judge whether the heights agree with the certificate within the uncertainties of both.
+    """Judge whether the heights agree with the certificate within both uncertainties.
 
     Every profile and all of them together must keep ``|En| <= 1``; without uncertainties there is no verdict.
     """
     judged = [p for p in (*errors.profiles, errors.pooled) if p.en is not None]
     if not judged:
-        return Verdict("info", f"No uncertainty is known to judge by. {errors.sentence}")
+        return Verdict("info", f"No verdict: no uncertainty is known. {errors.sentence}")
     worst = max(judged, key=lambda p: abs(p.en or 0.0))
     agrees = abs(worst.en or 0.0) <= _EN_LIMIT
     head = (
@@ -127,7 +127,7 @@ def _facts(found: Verification) -> tuple[Fact, ...]:
     return (
         Fact("Mean error", f"{pooled.mean_percent:+z.3f} %", "of the full height, edge zones out"),
         Fact("Standard deviation", f"{pooled.sd_mm:.4f} mm", f"{100 * pooled.sd_mm / errors.full_height_mm:.3f} %"),
-        Fact("Average of the maxima", f"{maxima:.2f} %", "of the profiles' largest errors"),
+        Fact("Mean of the maximum errors", f"{maxima:.2f} %", "over the profiles"),
         Fact("Worst band", f"{errors.worst_band_percent:.2f} %", "mean over a tenth of the length, or a flank"),
         Fact("Full height", f"{errors.full_height_mm:.3f} mm", "of the target"),
         Fact(
@@ -139,7 +139,7 @@ def _facts(found: Verification) -> tuple[Fact, ...]:
 
 
 def errors_section(errors: ZigzagErrors) -> Section:
-    """Tabulate the errors per profile, without and with edge zones, flank by flank, and by cause."""
+    """Tabulate the errors per profile, without and with edge zones, flank by flank, and by component."""
     zone = (
         f"Edge zones reach {errors.edge_zone_mm:.2f} mm to each side of every ridge and valley, measured on the plate: "
         "there a pixel sees both flanks."
@@ -202,7 +202,7 @@ def _terms_table(errors: ZigzagErrors) -> Table:
         }
     )
     return Table(
-        "What the error is made of", frame, "one regression over all flanks", {"size": "+.3g", "rms / mm": ".4f"}
+        "Components of the error", frame, "one regression over all flanks", {"size": "+.3g", "rms / mm": ".4f"}
     )
 
 
@@ -233,7 +233,7 @@ def _profile_figure(errors: ZigzagErrors, curve: ProfileCurve, profile: ProfileE
 
 
 def _models_section(found: Verification) -> Section:
-    """Set the height models side by side, and say why one constant angle cannot do."""
+    """Set the height models side by side, and say why one constant angle is not enough."""
     frame = models_table(found.models)
     note = "pooled over the profiles, edge zones out; percent of the full height"
     table = _renamed("Height models", frame, _POOLED_COLUMNS, note)
@@ -256,7 +256,7 @@ def _model_sentences(found: Verification) -> tuple[str, ...]:
     return (
         f"The same phase read with one constant angle and one pitch for the whole field, as in the 2008 thesis, gives "
         f"profiles that are wrong by {min(means):+z.1f} to {max(means):+z.1f} % of the full height on average, and by "
-        f"{average:.1f} % in the average of their maxima.",
+        f"{average:.1f} % in the mean of their maximum errors.",
         "The projector's light diverges: pitch and angle change over the field, which one angle and one pitch cannot "
         f"follow. The projective model can: worst band {best.worst_band_percent:.2f} % against "
         f"{constant.worst_band_percent:.2f} %.",
@@ -292,7 +292,7 @@ def _filters_section(found: Verification) -> Section:
 
 
 def surface_section(found: Verification) -> Section:
-    """Show heights, their errors on the bars, and the surface to be turned."""
+    """Show heights, their errors on the bars, and the surface as a view that can be turned."""
     surface, errors = found.surface, found.errors
     low, high = float(np.nanmin(surface.z)), float(np.nanmax(surface.z))
     seen = f"{100 * float(np.mean(surface.mask)):.1f} % of the picture has a height"

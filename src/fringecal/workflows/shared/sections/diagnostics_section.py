@@ -1,4 +1,4 @@
-"""The doctor's part of a report: what is wrong with the frames, what it costs, what to do, with pictures."""
+"""The diagnostics in a report: what is wrong with the frames, the error it causes, what to do, with pictures."""
 
 from collections.abc import Sequence
 
@@ -9,17 +9,17 @@ from fringecal.workflows.shared.examination import Examination
 
 
 def doctor_section(examined: Sequence[Examination]) -> Section:
-    """Tabulate the findings of all captures and show what they rest on."""
+    """Tabulate the findings of all captures and show the observations behind them."""
     clean = [one.phase.capture.name for one in examined if not one.findings]
     paragraphs = []
     if clean:
         paragraphs.append(f"Nothing wrong was found in: {', '.join(clean)}.")
     paragraphs += [f"{one.phase.capture.name}: {note}." for one in examined for note in one.diagnosis.notes]
     rows = [_row(one, k) for one in examined for k in range(len(one.findings))]
-    formats = {"cost / rad": ".3f", "cost / mm": ".3f"}
-    note = "costs are rms over a fringe, with the stated model; what is undone does not reach the heights"
+    formats = {"rms error /  rad": ".3f", "rms error /  mm": ".3f"}
+    note = "errors are rms over a fringe with the stated phase shifts; corrected effects do not reach the heights"
     tables = (Table("Findings", pd.DataFrame(rows), note, formats),) if rows else ()
-    return Section("Frames under examination", tuple(paragraphs), tables, tuple(_figure(one) for one in examined))
+    return Section("Diagnostics of the frames", tuple(paragraphs), tables, tuple(_figure(one) for one in examined))
 
 
 def _row(one: Examination, number: int) -> dict[str, object]:
@@ -29,9 +29,9 @@ def _row(one: Examination, number: int) -> dict[str, object]:
         "finding": finding.kind.text,
         "what": finding.what,
         "how large": finding.how_large,
-        "cost / rad": finding.cost_rad,
-        "cost / mm": finding.cost_mm,
-        "undone": "yes" if finding.kind in one.undone else "no",
+        "rms error /  rad": finding.cost_rad,
+        "rms error /  mm": finding.cost_mm,
+        "corrected": "yes" if finding.kind in one.undone else "no",
         "what to do": finding.remedy,
     }
 
@@ -42,6 +42,6 @@ def _figure(one: Examination) -> FigureItem:
     return FigureItem(
         f"Frames of {name}",
         doctor_overview(one.diagnosis, title=name),
-        f"{name}: {found}. Error of the phase over one fringe with the stated steps, the same by order, the shape of "
-        "the fringes against a cosine, and how each frame differs from the stated one.",
+        f"{name}: {found}. Phase error over one fringe with the stated phase shifts, the same by order, the waveform "
+        "against a cosine, and how each frame differs from the stated one.",
     )

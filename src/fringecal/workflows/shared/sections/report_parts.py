@@ -1,4 +1,4 @@
-"""Pieces that every report shares: numbers as text, tables of steps, masks and budgets, inputs, files."""
+"""Pieces that every report shares: numbers as text, tables of phase shifts, masks and budgets, inputs, files."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -92,7 +92,7 @@ def severest(checks: Sequence[Check]) -> Decision:
 
 
 def phase_section(captures: Sequence[CapturePhase]) -> Section:
-    """Show the phase of captures: which steps were used, their check, maps, and why pixels are masked."""
+    """Show the phase of captures: which phase shifts were used, their check, maps, and why pixels are masked."""
     return Section(
         "Phase",
         tuple(capture.sentence() for capture in captures),
@@ -114,7 +114,7 @@ def phase_figure(capture: CapturePhase) -> FigureItem:
 
 
 def _steps_table(captures: Sequence[CapturePhase]) -> Table:
-    """Tabulate stated and found steps, with what else differs from frame to frame."""
+    """Tabulate stated and found phase shifts, with what else differs from frame to frame."""
     rows = []
     for capture in captures:
         found = capture.estimated
@@ -132,7 +132,7 @@ def _steps_table(captures: Sequence[CapturePhase]) -> Table:
             rows.append(row)
     degrees = dict.fromkeys(("stated / deg", "used / deg", "found / deg", "u / deg"), ".3f")
     return Table(
-        "Phase steps",
+        "Phase shifts",
         pd.DataFrame(rows),
         "found from the frames, relative to the first; modulation and background as shares of the frames' mean",
         degrees | {"modulation": ".4f", "background": ".4f", "offset / levels": "+z.2f"},
