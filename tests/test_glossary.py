@@ -41,7 +41,7 @@ PLAIN = set(
     here horizontal house how identification if in info input is issued it item its itself judged kept key kind
     known laboratory large largest last later leaf least left less licence like literature look made marked max
     may measure measured measuring middle millimetre min minute month more most moved must name named need
-    neglecting new next no none not note now number obeys object of old older on one only or origin other
+    neglecting new next no none not note notebook now number obeys object of old older on one only or origin other
     otherwise out outside over own page part pass per percent periodic picture piece possible power predicted
     prediction probably program published purpose rad rank read reading real reason refused report result room
     row run same say second see seen server service session several sha share show shows side since small
