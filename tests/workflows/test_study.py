@@ -176,6 +176,15 @@ def test_no_scheduler_is_said_plainly():
         list(cluster(StudyPlan(), [0], address="nonsense://nowhere:1"))
 
 
+def test_a_cluster_without_workers_is_given_up():
+    distributed = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(n_workers=0, dashboard_address=":0") as nobody,
+        pytest.raises(FringecalError, match="no worker for 0.2 s.*start workers"),
+    ):
+        list(cluster(StudyPlan(), [0], address=nobody.scheduler_address, without_workers_s=0.2))
+
+
 def test_a_cluster_whose_workers_are_killed_finishes(dark, tmp_path):
     distributed = pytest.importorskip("distributed")
     killed = []
@@ -187,7 +196,7 @@ def test_a_cluster_whose_workers_are_killed_finishes(dark, tmp_path):
                 os.kill(process, signal.SIGKILL)
 
     with (
-        distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as workers,
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as workers,
         distributed.Client(workers) as client,
     ):
         compute = partial(cluster, address=workers.scheduler_address)

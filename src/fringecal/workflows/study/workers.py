@@ -3,16 +3,25 @@
 import contextlib
 import multiprocessing
 import os
+import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from typing import TYPE_CHECKING
 
 from fringecal.errors import FringecalError
 from fringecal.records import RigResult
 from fringecal.workflows.study.run import StudyPlan, examine_rig
 
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
 # A rig is small: threads within one would only wait for each other, and rigs beside each other gain more.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+_LOOK_EVERY_S = 0.1  # for results: a rig takes seconds
+_ASK_EVERY_S = 0.5  # for workers: each time is a message to the scheduler
+_WITHOUT_WORKERS_S = 120.0  # a nanny brings a lost worker back within seconds, on a busy machine within a minute
 
 
 def local_pool(plan: StudyPlan, numbers: list[int], *, workers: int = 0) -> Iterator[RigResult]:
@@ -49,7 +58,9 @@ def local_pool(plan: StudyPlan, numbers: list[int], *, workers: int = 0) -> Iter
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def cluster(plan: StudyPlan, numbers: list[int], *, address: str) -> Iterator[RigResult]:
+def cluster(
+    plan: StudyPlan, numbers: list[int], *, address: str, without_workers_s: float = _WITHOUT_WORKERS_S
+) -> Iterator[RigResult]:
     """Yield the results of rigs as the workers of a Dask cluster finish them; what a lost worker had is done again.
 
     Parameters
@@ -58,15 +69,16 @@ def cluster(plan: StudyPlan, numbers: list[int], *, address: str) -> Iterator[Ri
         The study, and which of its rigs.
     address
         Of the scheduler, for example ``tcp://host:8786``; its workers need fringecal.
+    without_workers_s
+        How long the cluster may be without any worker, in seconds.
 
     Raises
     ------
     FringecalError
-        Dask is not installed, or no scheduler answers.
+        Dask is not installed, no scheduler answers, or no worker came or came back; what was finished is kept.
     """
     try:
         from distributed import Client
-        from distributed import as_completed as as_delivered
     except ImportError as error:
         raise FringecalError("--scheduler needs Dask: install fringecal[cluster]") from error
     try:
@@ -75,9 +87,32 @@ def cluster(plan: StudyPlan, numbers: list[int], *, address: str) -> Iterator[Ri
         raise FringecalError(f"no Dask scheduler answers at {address} ({error}); start one, or leave it out") from error
     with client:
         waiting = [client.submit(examine_rig, plan, rig, pure=False) for rig in numbers]
-        for done in as_delivered(waiting):
+        for done in _as_delivered(client, waiting, without_workers_s):
             yield done.result()
             done.release()
+
+
+def _as_delivered(client: "Client", waiting: "list[Future]", without_workers_s: float) -> "Iterator[Future]":
+    """Yield what is finished; give up where no worker has been there for so long that none will come by itself."""
+    from distributed import as_completed
+
+    ready = as_completed(waiting, loop=client.loop)
+    asked_s = present_s = time.monotonic()
+    while not ready.is_empty():
+        finished = ready.next_batch(block=False)
+        yield from finished
+        if not finished:
+            time.sleep(_LOOK_EVERY_S)
+        if (now_s := time.monotonic()) - asked_s < _ASK_EVERY_S:
+            continue
+        asked_s = now_s
+        if client.nthreads():
+            present_s = now_s
+        elif now_s - present_s > without_workers_s:
+            raise FringecalError(
+                f"The Dask cluster has had no worker for {without_workers_s:g} s. Finished rigs are kept: start "
+                "workers (dask worker ADDRESS) and give the same command again to go on, or leave --scheduler out."
+            )
 
 
 @contextlib.contextmanager
