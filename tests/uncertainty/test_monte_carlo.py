@@ -13,7 +13,6 @@ from fringecal.uncertainty.distributions import (
     Rectangular,
     StudentT,
     draw_normal,
-    of_estimate,
 )
 from fringecal.uncertainty.estimates import Estimate
 from fringecal.uncertainty.influences import Influence, Source
@@ -248,8 +247,3 @@ def test_failure_is_said():
         propagate_distributions(lambda a: np.log(np.where(a > 0, a, np.nan)), [Normal(0, 1)], rng)
     with pytest.raises(FitError, match="not stable"):
         adaptive(lambda g, n: g.standard_cauchy(n), rng, max_trials=200_000)
-
-
-def test_distribution_of_an_estimate():
-    assert of_estimate(Estimate(1.0, 0.1)) == Normal(1.0, 0.1)
-    assert of_estimate(Estimate(1.0, 0.1, dof=4)) == StudentT(1.0, 0.1, 4)

@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from fringecal.phase.diagnostics.finding_kinds import FINDING_TEXTS
+from fringecal.projector.move_kinds import MOVE_TEXTS
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session, truth_of
+from fringecal.uncertainty.influences import TEXTS
+from fringecal.workflows.audit.cause_kinds import CAUSE_TEXTS
 from fringecal.workflows.commission import CalibratedSession, Commissioning, calibrate_session, judged_session
 from fringecal.workflows.verify.run import Verification, verify
 
 SEED = 2008
+TEXT_TABLES = (TEXTS, FINDING_TEXTS, MOVE_TEXTS, CAUSE_TEXTS)
 
 # Low enough for a step under half a fringe, wider than long, in the picture's upper right: x > 0, y > 0.
 BOX = {
@@ -103,3 +108,11 @@ def oblique(request) -> Judged:
     folder = request.config.rootpath / "tests" / "data" / "oblique"
     with np.load(folder / "truth.npz") as maps:
         return judged(folder, json.loads((folder / "truth.json").read_text()), dict(maps))
+
+
+@pytest.fixture
+def renamed(monkeypatch):
+    """Every influence, finding, move and cause under one and the same other text."""
+    for table in TEXT_TABLES:
+        for one in table:
+            monkeypatch.setitem(table, one, "renamed")

@@ -17,13 +17,13 @@ from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
 from fringecal.targets import load_target
 from fringecal.workflows.audit.cause_kinds import Cause
-from fringecal.workflows.audit.change_covariance import light_doubt
+from fringecal.workflows.audit.change_covariance import covariance_of, light_doubt
 from fringecal.workflows.audit.checks import audit_checks, changes_of
 from fringecal.workflows.audit.observed import base_state
 from fringecal.workflows.audit.ranked_causes import CAUSES, rank_causes
 from fringecal.workflows.audit.record import audit_record
 from fringecal.workflows.audit.run import Audit, audit
-from fringecal.workflows.audit.sentences import audit_sentence
+from fringecal.workflows.audit.sentences import amount_unit, audit_sentence, cause_words
 from fringecal.workflows.commission.record import calibration_record
 from fringecal.workflows.commission.run import commission
 from fringecal.workflows.shared.appearance import appearance_of
@@ -315,3 +315,26 @@ def test_a_record_without_appearance_is_compared_as_far_as_it_goes(in_force, unc
     assert not found.changed
     assert any("older version" in note for note in found.notes)
     assert {c.name for c in changes_of(found)} == {"plate phase, rms over the plate", "plate form, rms"}
+
+
+def ranked_with(unchanged, in_force):
+    """Covariance and ranking of a change of the camera's height, computed once more."""
+    observed = unchanged.grid, unchanged.plate, unchanged.strips
+    covariance = covariance_of(unchanged.layout, in_force.rig, observed, 0.01)
+    base = base_state(in_force.rig)
+    after = moved(base, {Move.CAMERA_HEIGHT: 2.0})
+    signature = unchanged.layout.predict(after) - unchanged.layout.predict(base)
+    return covariance, rank_causes(unchanged.layout, base, unchanged.change + signature, covariance)
+
+
+def test_renaming_what_a_reader_sees_changes_no_number(unchanged, in_force, request):
+    covariance, ranked = ranked_with(unchanged, in_force)
+    words = [cause_words(fit) for fit in ranked]
+    units = [amount_unit(move) for move in Move]
+    request.getfixturevalue("renamed")
+    again, ranked_again = ranked_with(unchanged, in_force)
+    np.testing.assert_array_equal(again, covariance)
+    assert ranked_again == ranked
+    assert [amount_unit(move) for move in Move] == units
+    assert cause_words(ranked[0]).startswith("renamed")
+    assert all(one != other for one, other in zip(words, map(cause_words, ranked), strict=True))

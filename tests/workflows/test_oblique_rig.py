@@ -1,10 +1,14 @@
 """A slanting rig with a bent lens and wrong steps, drawn by a ray tracer that shares no code with fringecal."""
 
+import math
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from fringecal.camera import local_scale
 from fringecal.projector.angle.projection_angle import projection_angle
+from fringecal.projector.rig_monte_carlo import check_by_monte_carlo
 
 
 def test_scale_and_angle(oblique):
@@ -98,3 +102,47 @@ def _flank_error(judged):
     flanks = _flanks(judged)
     assert flanks.sum() > 50_000
     return judged.bars.surface.z[flanks] - judged.maps["bars"][flanks]
+
+
+# ---- the check of first order ---------------------------------------------------------------------
+RIGS = 3000
+
+
+def quantities_of(rig):
+    """Angle at the origin, mean scale, and a height of 20 mm at the centre and in a corner."""
+
+    def height_at(pixel):
+        rays = rig.camera.rays(*pixel)
+        phase = rig.model.phase(*rays.at(20.0), 20.0)
+        return lambda other: float(other.model.height(phase, other.camera.rays(*pixel)))
+
+    corner = 0.05 * rig.camera.width_px, 0.05 * rig.camera.height_px
+    return {
+        "projection angle / deg": lambda other: math.degrees(float(projection_angle(other.model, 0.0, 0.0))),
+        "scale / (mm/px)": lambda other: local_scale(other.camera, "mean"),
+        "height at the centre / mm": height_at(rig.camera.centre_px),
+        "height in a corner / mm": height_at(corner),
+    }
+
+
+@pytest.fixture(scope="module")
+def drawn(oblique):
+    rig = oblique.found.result.rig
+    return check_by_monte_carlo(rig, quantities_of(rig), np.random.default_rng(2008), trials=RIGS)
+
+
+def test_first_order_is_what_drawn_rigs_show(drawn):
+    assert len(drawn) == 4
+    for name, check in drawn.items():
+        # A standard deviation of 3000 draws has itself 1.3 %; three of it.
+        assert check.u_ratio == pytest.approx(1.0, abs=3 / math.sqrt(2 * RIGS)), name
+        # One digit of u (JCGM 101:2008, 8.1), and what the draws themselves do not decide.
+        off = max(check.validation.d_low, check.validation.d_high)
+        assert off <= check.validation.tolerance + check.monte_carlo.tolerance, name
+
+
+def test_the_checked_budgets_are_those_of_the_record(drawn, oblique):
+    angle = oblique.found.result.origin
+    checked = drawn["projection angle / deg"].budget
+    assert checked.result.u == pytest.approx(angle.angle.u, rel=1e-12)
+    assert checked.contributions() == pytest.approx(angle.budget.contributions())

@@ -21,6 +21,7 @@ from fringecal.session import (
     session_of_captures,
 )
 from fringecal.targets import LineGrid, Quantity, Target
+from fringecal.uncertainty import Influence
 from fringecal.workflows.commission import calibrate_session, camera_knowledge, judged_session
 
 type Frames = ArrayLike
@@ -154,7 +155,7 @@ def _camera(grid: GridDetection, target: Target | str | Path, session: Session) 
     size = session.one("reference").shape
     if tuple(grid.shape) != tuple(size):
         raise SessionError([f"crossings of a picture {grid.shape}, frames of {size} px (height, width); use one size"])
-    return camera_from_grid(grid, shown.pitch_mm.estimate("grid pitch", "mm"), camera_knowledge(session))
+    return camera_from_grid(grid, shown.pitch_mm.estimate(Influence.GRID_PITCH, "mm"), camera_knowledge(session))
 
 
 def _fringes(

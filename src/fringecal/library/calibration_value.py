@@ -23,6 +23,7 @@ from fringecal.records import (
 from fringecal.report import budget_bars, write_report
 from fringecal.session import Session
 from fringecal.targets import Target
+from fringecal.uncertainty import Source
 from fringecal.workflows.commission import Commissioning, calibration_record, commission_report
 from fringecal.workflows.shared import calibration_of
 
@@ -164,10 +165,14 @@ class Calibration:
         if quantity not in self.record.budgets:
             raise RecordError(f"no budget of {quantity!r}; there are those of {', '.join(self.record.budgets)}")
         rows = [
-            {"influence": row.label, "contribution to u": row.contribution, "share of the variance / %": row.percent}
+            {
+                "source of uncertainty": Source.parse(row.label).text,
+                "contribution to u": row.contribution,
+                "share of the variance / %": row.percent,
+            }
             for row in self.record.budgets[quantity]
         ]
-        return pd.DataFrame(rows).set_index("influence")
+        return pd.DataFrame(rows).set_index("source of uncertainty")
 
     def measure(
         self,

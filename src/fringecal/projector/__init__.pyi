@@ -133,6 +133,12 @@ from .rig_model import (
 from .rig_model import (
     RigModel as RigModel,
 )
+from .rig_monte_carlo import (
+    check_by_monte_carlo as check_by_monte_carlo,
+)
+from .rig_monte_carlo import (
+    draw_quantities as draw_quantities,
+)
 from .sampling import (
     pick_points as pick_points,
 )

@@ -28,11 +28,23 @@ from .estimates import (
 from .estimates import (
     coverage_factor as coverage_factor,
 )
+from .first_order import (
+    FirstOrderCheck as FirstOrderCheck,
+)
+from .first_order import (
+    check_first_order as check_first_order,
+)
+from .first_order import (
+    draw_deviates as draw_deviates,
+)
 from .influences import (
     Influence as Influence,
 )
 from .influences import (
     Source as Source,
+)
+from .propagation import (
+    propagate as propagate,
 )
 from .repeatability import (
     Line as Line,

@@ -7,8 +7,6 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fringecal.uncertainty.estimates import Estimate
-
 Floats = NDArray[np.float64]
 
 
@@ -81,13 +79,6 @@ class CurvedTrapezoid:
         """Draw `size` values."""
         half = self.half_width + self.inexactness * rng.uniform(-1.0, 1.0, size)
         return self.mean + half * rng.uniform(-1.0, 1.0, size)
-
-
-def of_estimate(estimate: Estimate) -> Distribution:
-    """Take the distribution that an estimate stands for: normal, or t where its dof are finite."""
-    if math.isinf(estimate.dof):
-        return Normal(estimate.value, estimate.u)
-    return StudentT(estimate.value, estimate.u, estimate.dof)
 
 
 def draw_normal(mean: ArrayLike, covariance: ArrayLike, rng: np.random.Generator, size: int) -> Floats:

@@ -22,11 +22,16 @@ _BEYOND, _LEAST_BLOCK = 100, 10_000
 """Draws beyond the interval in a block, and the least block: M = max(100 / (1 - p), 10^4) (JCGM 101:2008, 7.9.4 b)."""
 
 
+_BATCHES = 10
+"""Parts of a given number of draws, whose scatter tells how far their results can be trusted."""
+
+
 @dataclass(frozen=True)
 class MonteCarlo:
     """Result of a Monte Carlo: mean, standard deviation, two coverage intervals, and how it was reached.
 
-    `tolerance` is the numerical tolerance delta that the four results meet.
+    `tolerance` is the numerical tolerance delta that the results meet: twice the standard deviation by which another
+    Monte Carlo of as many draws would differ.
     """
 
     value: float
@@ -135,6 +140,35 @@ def adaptive(
         f"the Monte Carlo was not stable after {len(drawn) * block} trials; ask for fewer digits than "
         f"{digits}, or look for a model without finite variance"
     )
+
+
+def summarise_draws(values: ArrayLike, *, coverage: float = COVERAGE) -> MonteCarlo:
+    """Summarise results that were drawn beforehand, as many as a slow model allows (JCGM 101:2008, 7.2).
+
+    How far they can be trusted, the result's `tolerance`, is judged from ten batches of them as in `adaptive`.
+
+    Parameters
+    ----------
+    values
+        (M,) results of the model, M a few thousand at least.
+    coverage
+        Coverage probability of the intervals.
+
+    Raises
+    ------
+    FitError
+        Values that are not finite.
+
+    Examples
+    --------
+    >>> drawn = summarise_draws(np.random.default_rng(1).normal(5.0, 2.0, 100_000))
+    >>> round(drawn.u, 1), abs(drawn.u - 2.0) < drawn.tolerance < 0.1
+    (2.0, True)
+    """
+    drawn = _finite(values)
+    rows = [_summary(np.sort(batch), coverage) for batch in np.array_split(drawn, _BATCHES)]
+    spread = np.std(rows, axis=0, ddof=1) / math.sqrt(_BATCHES)
+    return _result(drawn, coverage, float(2 * spread.max()))
 
 
 def numerical_tolerance(u: float, digits: int = 2) -> float:

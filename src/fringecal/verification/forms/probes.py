@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fringecal.errors import FitError
 from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, Wedge
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, Influence
 from fringecal.verification.forms.fitted_forms import fit_plane, fit_sphere, flatness, sphere_form
 from fringecal.verification.forms.pieces import MIN_PIXELS, one_piece, pieces_between, valid_points
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface
@@ -187,7 +187,7 @@ def _(target: Steps, surface: Surface) -> Probe:
             continue
         groups.append(_indices(found[0]))
         u = target.heights_mm.u_array(nominal.size)[index]
-        references[f"step of {height:g} mm"] = Estimate(float(height), float(u), "mm", "step height")
+        references[f"step of {height:g} mm"] = Estimate(float(height), float(u), "mm", influence=Influence.STEP_HEIGHT)
     if len(groups) < 2:
         raise FitError(
             f"only {len(groups)} of {nominal.size} steps were found at their heights; check the target's heights_mm, "
