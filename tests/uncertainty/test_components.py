@@ -11,9 +11,9 @@ from scipy import stats
 from fringecal.uncertainty.budgets import Budget, combined
 from fringecal.uncertainty.components import UncertaintyComponent, contributions
 from fringecal.uncertainty.estimates import Estimate
-from fringecal.uncertainty.first_order import check_first_order, draw_deviates
 from fringecal.uncertainty.influences import TEXTS, Influence, Source
-from fringecal.uncertainty.monte_carlo import summarise_draws
+from fringecal.uncertainty.sampling.first_order import check_first_order, draw_deviates
+from fringecal.uncertainty.sampling.monte_carlo import summarise_draws
 
 ARCHIVE = Path(__file__).parents[1] / "records" / "archive"
 #: What the versions before the enumeration wrote as the label of a component, by which they open for ever.

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from fringecal.errors import FitError
-from fringecal.uncertainty.distributions import (
+from fringecal.uncertainty.estimates import Estimate
+from fringecal.uncertainty.influences import Influence, Source
+from fringecal.uncertainty.propagation import propagate, second_order
+from fringecal.uncertainty.sampling.distributions import (
     Arcsine,
     CurvedTrapezoid,
     Normal,
@@ -14,9 +17,7 @@ from fringecal.uncertainty.distributions import (
     StudentT,
     draw_normal,
 )
-from fringecal.uncertainty.estimates import Estimate
-from fringecal.uncertainty.influences import Influence, Source
-from fringecal.uncertainty.monte_carlo import (
+from fringecal.uncertainty.sampling.monte_carlo import (
     adaptive,
     numerical_tolerance,
     propagate_distributions,
@@ -24,7 +25,6 @@ from fringecal.uncertainty.monte_carlo import (
     symmetric_interval,
     validate_first_order,
 )
-from fringecal.uncertainty.propagation import propagate, second_order
 
 ROOT3 = math.sqrt(3)
 

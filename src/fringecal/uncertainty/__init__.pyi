@@ -28,15 +28,6 @@ from .estimates import (
 from .estimates import (
     coverage_factor as coverage_factor,
 )
-from .first_order import (
-    FirstOrderCheck as FirstOrderCheck,
-)
-from .first_order import (
-    check_first_order as check_first_order,
-)
-from .first_order import (
-    draw_deviates as draw_deviates,
-)
 from .influences import (
     Influence as Influence,
 )
@@ -60,6 +51,15 @@ from .rounding import (
 )
 from .rounding import (
     value_text as value_text,
+)
+from .sampling.first_order import (
+    FirstOrderCheck as FirstOrderCheck,
+)
+from .sampling.first_order import (
+    check_first_order as check_first_order,
+)
+from .sampling.first_order import (
+    draw_deviates as draw_deviates,
 )
 from .scores import (
     EN_DEFINITION as EN_DEFINITION,

@@ -11,7 +11,7 @@ from fringecal.uncertainty.budgets import Budget
 from fringecal.uncertainty.components import UncertaintyComponent
 from fringecal.uncertainty.estimates import COVERAGE
 from fringecal.uncertainty.influences import Source
-from fringecal.uncertainty.monte_carlo import (
+from fringecal.uncertainty.sampling.monte_carlo import (
     MonteCarlo,
     Validation,
     numerical_tolerance,

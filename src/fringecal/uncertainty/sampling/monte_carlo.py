@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
-from fringecal.uncertainty.distributions import Distribution
 from fringecal.uncertainty.estimates import COVERAGE
+from fringecal.uncertainty.sampling.distributions import Distribution
 
 Floats = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int], ArrayLike]
@@ -77,7 +77,7 @@ def propagate_distributions(
 
     Examples
     --------
-    >>> from fringecal.uncertainty.distributions import Normal
+    >>> from fringecal.uncertainty.sampling.distributions import Normal
     >>> rng = np.random.default_rng(1)
     >>> total = propagate_distributions(lambda a, b: a + b, [Normal(1, 3), Normal(2, 4)], rng, digits=1)
     >>> round(total.u)
