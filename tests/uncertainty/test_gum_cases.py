@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import uncertainties
 
-from fringecal.uncertainty.correlated_dof import DofWarning, correlated_dof
+from fringecal.uncertainty.degrees_of_freedom import DofWarning, correlated_dof
 from fringecal.uncertainty.estimates import Estimate
 from fringecal.uncertainty.propagation import (
     jacobian,

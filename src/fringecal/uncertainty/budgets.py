@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.uncertainty.components import UncertaintyComponent, contributions
-from fringecal.uncertainty.correlated_dof import correlated_dof
-from fringecal.uncertainty.degrees_of_freedom import effective_dof
+from fringecal.uncertainty.degrees_of_freedom import correlated_dof, effective_dof
 from fringecal.uncertainty.estimates import Estimate
 from fringecal.uncertainty.influences import Source
 
