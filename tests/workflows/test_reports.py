@@ -17,7 +17,6 @@ from fringecal.report.html import render_html
 from fringecal.report.report_files import figures_of, tables_of
 from fringecal.verification.zigzag.filters import FilterResult
 from fringecal.workflows.certificate.run import certificate_of
-from fringecal.workflows.commission import judged_session
 from fringecal.workflows.commission.angle_findings import angles_of
 from fringecal.workflows.commission.angle_tables import angle_section, heights_table
 from fringecal.workflows.commission.record import calibration_record
@@ -185,7 +184,8 @@ def test_without_a_stated_projector_there_is_no_theory(oblique):
     result = oblique.found.result
     unstated = replace(result, stated_projector=None, origin=replace(result.origin, theory=None))
     session = replace(oblique.session, projector=None)
-    report = commission_report(judged_session(replace(oblique.found, session=session, result=unstated)))
+    calibrated = replace(oblique.found, session=session, result=unstated)
+    report = commission_report(replace(oblique.commissioned, calibrated=calibrated, angles=angles_of(calibrated)))
     tables = tables_of(report)
     assert "Angle in theory" not in {f.name for f in report.facts}
     assert "En" not in tables["projection-angle-by-column.csv"]
