@@ -95,7 +95,7 @@ def in_pictures(frames, steps, rng) -> Iterator:
     order[[i, j]] = j, i
     one = np.where(np.arange(n) == i, 1.0, 0.0)[:, None, None]
     mean = bright.mean(axis=0)
-    map_ = demodulate(frames, steps, max_misfit=np.inf)
+    map_ = demodulate(frames, steps, max_residual=np.inf)
     phase, light = np.nan_to_num(map_.phase), np.where(map_.valid, map_.modulation, 0)
     noise = rng.standard_normal(frames.shape)
     sign = rng.choice([-1, 1])
@@ -129,7 +129,7 @@ def in_pictures(frames, steps, rng) -> Iterator:
 
 def shaken(frames, steps, rng, moved_rad):
     """Take a set three times, each frame of the repeats moved a little."""
-    map_ = demodulate(frames, steps, max_misfit=np.inf)
+    map_ = demodulate(frames, steps, max_residual=np.inf)
     phase = np.nan_to_num(map_.phase)
     sets = []
     for _ in range(3):

@@ -66,11 +66,11 @@ def compare(name: str, session: Session, truth: np.ndarray) -> None:
     commissioned = time.process_time() - start
     rays = found.result.rig.camera.pixel_rays()
     bars = absolute_phase(phase_of_capture(session.named("bars")).map, found.result.rig)
-    phase_rad = bars.step_rad + found.result.rig.model.phase(rays.ax, rays.ay, 0.0)
+    phase_rad = bars.difference_rad + found.result.rig.model.phase(rays.ax, rays.ay, 0.0)
     inside = (truth > 1.0) & (truth < 27.0) & np.isfinite(phase_rad)
     # A pixel that straddles a ridge, a valley or an end sees two surfaces.
     inside &= np.hypot(*np.gradient(truth)) < 1.5
-    shifted = len(session.named("bars").steps_rad)
+    shifted = len(session.named("bars").phase_shifts_rad)
     rows = {m: (height_model(found.result.rig, m).height, 1 + 2 * shifted, commissioned)
             for m in ("constant-angle", "column-angle", "projective")}  # fmt: skip
     start = time.process_time()

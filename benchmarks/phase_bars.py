@@ -17,7 +17,7 @@ from fringecal.phase import (
     demodulate,
     demodulate_adapted,
     diagnose,
-    estimate_steps,
+    estimate_phase_shifts,
     estimate_waveform,
     order_error_rate,
     unwrap_guided,
@@ -96,10 +96,12 @@ def real(name, files):
 
 def real_sets():
     lens = real("fpp_tools_lens", [f"lens_orig_{angle:03d}.jpg" for angle in (0, 90, 180, 270)])
-    steps = estimate_steps(lens, np.deg2rad([0, 90, 180, 270]))
-    print(f"fpp_tools_lens: steps {np.rad2deg(steps.steps_rad).round(2)}, published 0, 90.4, 180.3, 270.1 +- 0.5")
+    steps = estimate_phase_shifts(lens, np.deg2rad([0, 90, 180, 270]))
+    print(
+        f"fpp_tools_lens: steps {np.rad2deg(steps.phase_shifts_rad).round(2)}, published 0, 90.4, 180.3, 270.1 +- 0.5"
+    )
     wall = real("kamino_object1", [f"pat{k:02d}.png" for k in range(3)])
-    found = np.rad2deg(estimate_steps(wall, np.deg2rad([-120, 0, 120])).steps_rad)
+    found = np.rad2deg(estimate_phase_shifts(wall, np.deg2rad([-120, 0, 120])).phase_shifts_rad)
     print(f"kamino_object1: steps {found.round(2)}, stated -120, 0, 120")
     plane, stated = real("kamino_gamma_plane", [f"pat{k:02d}.png" for k in range(3)]), np.deg2rad([-120, 0, 120])
     wave = estimate_waveform(plane, stated)

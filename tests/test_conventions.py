@@ -150,9 +150,9 @@ def test_sign_of_the_phase():
 def test_steps_are_the_sessions_own(tmp_path):
     images = {"a.png": 10, "b.png": 20, "c.png": 30}
     stated = written_session(tmp_path / "s", images, [-120.0, 0.0, 120.0])
-    assert stated.steps_rad == pytest.approx(np.deg2rad([-120.0, 0.0, 120.0]))
+    assert stated.phase_shifts_rad == pytest.approx(np.deg2rad([-120.0, 0.0, 120.0]))
     overridden = written_session(tmp_path / "t", images, [0.0, 120.0, 240.0], steps_deg=[0.0, 240.0, 120.0])
-    assert overridden.steps_rad == pytest.approx(np.deg2rad([0.0, 240.0, 120.0]))
+    assert overridden.phase_shifts_rad == pytest.approx(np.deg2rad([0.0, 240.0, 120.0]))
 
 
 @pytest.mark.parametrize(("phase", "wrapped"), [(-2.0, -2.0), (4.0, 4.0 - 2 * math.pi), (-9.0, -9.0 + 2 * math.pi)])

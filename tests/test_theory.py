@@ -121,7 +121,7 @@ def ripple(error: np.ndarray) -> np.ndarray:
 
 def test_ripple_of_wrong_phase_shifts():
     epsilon = np.deg2rad(0.1)
-    error = phase_error(THIRDS, true_steps_rad=THIRDS + epsilon * np.arange(-1, 2))
+    error = phase_error(THIRDS, true_phase_shifts_rad=THIRDS + epsilon * np.arange(-1, 2))
     expected = np.abs(epsilon) / math.sqrt(3)
     assert np.abs(ripple(error)).max() == pytest.approx(expected, rel=5e-3)
     assert abs(np.mean(ripple(error) * np.exp(-2j * PHI))) == pytest.approx(expected / 2, rel=5e-3)

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fringecal.camera.distortion.check_points import check_points, cost_of_neglect_px
+from fringecal.camera.distortion.check_points import check_points, effect_of_neglect_px
 from fringecal.camera.distortion.distortion_test import examine_distortion
 from fringecal.camera.distortion.grid_scale import thesis_scale
 from fringecal.camera.distortion.straightness import family_rms_px
@@ -103,7 +103,7 @@ def test_check_points_and_cost(photograph):
     table = check_points(test, picture.shape, mm_per_px=0.5)
     assert len(table) == 9
     assert (table["outward / px"] <= 0).all()  # barrel: everything moves inward
-    assert table["neglected / mm"].max() <= 0.5 * cost_of_neglect_px(test).max() + 1e-9
+    assert table["neglected / mm"].max() <= 0.5 * effect_of_neglect_px(test).max() + 1e-9
 
 
 def test_the_section_is_dark_where_lines_were_found(photograph):

@@ -107,7 +107,7 @@ def test_noise_alone_is_refused():
 def test_moved_lamp_is_refused():
     v, _ = np.mgrid[:360, :480]
     step, _ = scene(0.0)
-    with pytest.raises(DetectionError, match="lamp"):
+    with pytest.raises(DetectionError, match="projector"):
         find(np.angle(np.exp(1j * (step + 0.15 * v))))
 
 

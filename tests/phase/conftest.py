@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 
-def _fringes(phi, steps_rad, background=120.0, modulation=80.0):
-    steps = np.asarray(steps_rad, float).reshape(-1, *(1,) * np.ndim(phi))
+def _fringes(phi, phase_shifts_rad, background=120.0, modulation=80.0):
+    steps = np.asarray(phase_shifts_rad, float).reshape(-1, *(1,) * np.ndim(phi))
     return background + modulation * np.cos(np.asarray(phi, float) + steps)
 
 

@@ -99,5 +99,5 @@ def test_filtered_frames_get_the_same_corrections(camera, rng):
 
 def test_without_fringes_nothing_is_known(rng):
     found = demodulate_adapted(rng.integers(90, 110, (3, 64, 64)).astype(np.uint8), STEPS[3])
-    assert found.steps is None
+    assert found.phase_shifts is None
     assert found.notes

@@ -112,7 +112,7 @@ def test_missing_or_broken_picture(tmp_path):
 
 def test_wrong_number_of_steps(lens):
     names = [lens / f"lens_orig_{angle:03d}.jpg" for angle in (0, 90, 180)]
-    with pytest.raises(PhaseError, match="one frame per step"):
+    with pytest.raises(PhaseError, match="one frame per phase shift"):
         run(*names, "--steps", "0,90,180,270")
 
 

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from fringecal.errors import PhaseError
-from fringecal.phase import correct_steps, demodulate, demodulate_strips, equalise, estimate_steps, least_squares
+from fringecal.phase import (
+    correct_phase_shifts,
+    demodulate,
+    demodulate_strips,
+    equalise,
+    estimate_phase_shifts,
+    least_squares,
+)
 
 THREE = np.deg2rad([0, 120, 240])
 SHAPE = (240, 320)
@@ -28,10 +35,10 @@ def ripple(phase, order, where=...):
 
 def test_lamp_and_uneven_steps_together(camera, rng):
     frames = shot(camera, rng)
-    found = estimate_steps(frames, THREE)
+    found = estimate_phase_shifts(frames, THREE)
     scheme = equalise(found)
     level = demodulate(frames, scheme)
-    good = correct_steps(level, scheme, found.gradient_rad_px)
+    good = correct_phase_shifts(level, scheme, found.gradient_rad_px)
     # Before: 3 % of a frame is 0.045 rad at order 1, and 2 to 4 deg 0.02 to 0.04 rad at order 2, left and right.
     raw = demodulate(frames, THREE)
     assert ripple(raw.phase, 1) > 0.03
@@ -45,7 +52,7 @@ def test_lamp_and_uneven_steps_together(camera, rng):
 def test_an_offset_is_stray_light(camera, rng):
     # 4 grey levels on one frame of B = 70 ((2/3) 4/70 = 0.04 rad at order 1).
     frames = shot(camera, rng, errors_deg=(0, 0, 0), over_field_deg=(0, 0, 0), gain=(1, 1, 1), offset=(0, 4, 0))
-    found = estimate_steps(frames, THREE)
+    found = estimate_phase_shifts(frames, THREE)
     np.testing.assert_allclose(
         found.offset_per_frame - found.offset_per_frame.mean(), [-4 / 3, 8 / 3, -4 / 3], atol=0.15
     )
@@ -103,5 +110,5 @@ def test_strips_read_a_file_that_stays_on_disk(tmp_path, camera, rng, fringes):
 
 @pytest.mark.parametrize("frames", [[], [np.zeros((9, 9))] * 2, [np.zeros((9, 9))] * 2 + [np.zeros((9, 8))]])
 def test_strips_refuse_what_does_not_fit(frames):
-    with pytest.raises(PhaseError, match="one frame per step"):
+    with pytest.raises(PhaseError, match="one frame per phase shift"):
         next(demodulate_strips(frames, THREE))

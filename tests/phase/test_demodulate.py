@@ -193,7 +193,7 @@ def test_three_frames_cannot_misfit(fringes):
 
 def test_named_scheme_and_reused_buffers(fringes, wrap):
     five = scheme("hariharan-5")
-    frames = fringes(plane(), five.steps_rad)
+    frames = fringes(plane(), five.phase_shifts_rad)
     first = demodulate(frames, five, noise=Noise(1.0))
     assert np.abs(wrap(first.phase - plane())).max() < 1e-5
     again = demodulate(frames[::-1], five, noise=Noise(1.0), out=first)

@@ -177,7 +177,7 @@ def test_a_frame_taken_before_the_object_was_placed_is_stale():
 def test_pictures_without_fringes_are_no_crash(value):
     found = diagnose(np.full((3, 64, 80), value, np.uint8), np.deg2rad([0, 120, 240]))
     assert found.notes
-    assert found.steps is None
+    assert found.phase_shifts is None
 
 
 def test_noise_and_nan_are_no_crash(rng):

@@ -68,7 +68,7 @@ def test_pictures_without_a_number_have_no_noise_to_estimate():
 def test_wrong_shapes_are_refused():
     with pytest.raises(PhaseError, match="at least 16 x 16"):
         estimate_noise(np.zeros((3, 8, 8)), THREE)
-    with pytest.raises(PhaseError, match="3 steps need"):
+    with pytest.raises(PhaseError, match="3 phase shifts need"):
         estimate_noise(np.zeros((4, 80, 80)), THREE)
     with pytest.raises(PhaseError, match="R >= 2"):
         noise_from_repeats(np.zeros((1, 3, 8, 8)))

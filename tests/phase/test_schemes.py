@@ -24,7 +24,7 @@ def amplitude(error, phi, order):
 @pytest.mark.parametrize("name", NAMES)
 def test_every_named_scheme_returns_phase_modulation_and_background(name, fringes):
     found = scheme(name)
-    a, c, s = found.weights @ fringes(PHI, found.steps_rad, 90.0, 35.0)
+    a, c, s = found.weights @ fringes(PHI, found.phase_shifts_rad, 90.0, 35.0)
     np.testing.assert_allclose(np.arctan2(s, c), PHI, atol=1e-12)
     np.testing.assert_allclose(np.hypot(c, s), 35.0, rtol=1e-12)
     np.testing.assert_allclose(a, 90.0, rtol=1e-12)
@@ -73,7 +73,7 @@ def test_a_linear_step_error_of_one_degree(name, peak_deg, fringes, wrap):
     # Every step 1 deg too large. Four: d/2 = 0.500 deg; Hariharan: d^2/4 = 0.00436 deg. Schwider's weights
     # are blind at first order: what is left is d^2 = 0.017 deg times a number below one.
     found = scheme(name)
-    steps = np.asarray(found.steps_rad) * (91 / 90)
+    steps = np.asarray(found.phase_shifts_rad) * (91 / 90)
     error = wrap(demodulated(found.weights, fringes(PHI, steps)) - PHI)
     ripple = np.rad2deg(np.ptp(error) / 2)
     if name == "schwider-4":

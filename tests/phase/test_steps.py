@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fringecal.errors import PhaseError
-from fringecal.phase import Noise, carrier, demodulate, estimate_steps, fringe_period
+from fringecal.phase import Noise, carrier, demodulate, estimate_phase_shifts, fringe_period
 
 STATED = np.deg2rad([0, 120, 240])
 SHAPE = (360, 480)
@@ -37,11 +37,11 @@ def test_hand_set_steps_are_found(errors_deg, fringes, camera, rng):
     # 8 bit, 1.2 grey levels, B = 50 to 90: within 0.05 deg, and the ripple at 2 phi that they cause
     # falls to that of a remaining error of 0.05 deg.
     frames = plate(fringes, camera, rng, errors_deg)
-    found = estimate_steps(frames, STATED)
+    found = estimate_phase_shifts(frames, STATED)
     np.testing.assert_allclose(np.rad2deg(found.errors_rad), errors_deg, atol=0.05)
     assert found.significant == (max(np.abs(errors_deg)) > 0)
     before = ripple(demodulate(frames, STATED).phase, PLATE, 2)
-    after = ripple(demodulate(frames, found.steps_rad).phase, PLATE, 2)
+    after = ripple(demodulate(frames, found.phase_shifts_rad).phase, PLATE, 2)
     assert after < np.deg2rad(0.05)
     if max(np.abs(errors_deg)) > 0:
         assert after < before / 10
@@ -59,21 +59,21 @@ def test_uncertainty_holds_in_repeated_simulation(fringes, camera, rng):
     ratios = []
     for _ in range(14):
         truth = np.array([0, *rng.normal(0, 2, 2)])
-        found = estimate_steps(plate(fringes, camera, rng, truth)[:, :240, :320], STATED)
+        found = estimate_phase_shifts(plate(fringes, camera, rng, truth)[:, :240, :320], STATED)
         ratios.extend((found.errors_rad - np.deg2rad(truth))[1:] / found.u_rad[1:])
     assert 0.7 < np.sqrt(np.mean(np.square(ratios))) < 1.45
 
 
 def test_a_step_that_changes_over_the_field(fringes, camera, rng):
     # What a hand-turned mirror does: frame k is off by k x 0.5 deg per 100 px.
-    found = estimate_steps(plate(fringes, camera, rng, (0, 1, 2), field=0.5), STATED)
+    found = estimate_phase_shifts(plate(fringes, camera, rng, (0, 1, 2), field=0.5), STATED)
     along_u, along_v = np.rad2deg(found.gradient_rad_px.T) * 100
     np.testing.assert_allclose(along_u, [0, 0.5, 1.0], atol=0.03)
     np.testing.assert_allclose(along_v, 0, atol=0.03)
 
 
 def test_gain_of_a_frame_is_found_and_does_not_disturb_the_steps(fringes, camera, rng):
-    found = estimate_steps(plate(fringes, camera, rng, (0, 2, -1), gain=(1.0, 1.03, 0.98)), STATED)
+    found = estimate_phase_shifts(plate(fringes, camera, rng, (0, 2, -1), gain=(1.0, 1.03, 0.98)), STATED)
     expected = np.array([1.0, 1.03, 0.98]) / np.mean([1.0, 1.03, 0.98])
     np.testing.assert_allclose(found.gain_per_frame, expected, atol=0.002)
     np.testing.assert_allclose(np.rad2deg(found.errors_rad), [0, 2, -1], atol=0.05)
@@ -82,28 +82,28 @@ def test_gain_of_a_frame_is_found_and_does_not_disturb_the_steps(fringes, camera
 
 
 def test_gamma_does_not_look_like_a_wrong_step(fringes, camera, rng):
-    found = estimate_steps(plate(fringes, camera, rng, (0, 0.5, -0.5), gamma=1.5), STATED)
+    found = estimate_phase_shifts(plate(fringes, camera, rng, (0, 0.5, -0.5), gamma=1.5), STATED)
     np.testing.assert_allclose(np.rad2deg(found.errors_rad), [0, 0.5, -0.5], atol=0.05)
 
 
 def test_published_steps_of_a_real_capture(lens_frames):
     # Advanced iterative algorithm, published with the data's notes: 0, 90.4, 180.3, 270.1 deg, +- 0.5.
-    found = estimate_steps(lens_frames, np.deg2rad([0, 90, 180, 270]))
-    np.testing.assert_allclose(np.rad2deg(found.steps_rad), [0, 90.4, 180.3, 270.1], atol=0.5)
+    found = estimate_phase_shifts(lens_frames, np.deg2rad([0, 90, 180, 270]))
+    np.testing.assert_allclose(np.rad2deg(found.phase_shifts_rad), [0, 90.4, 180.3, 270.1], atol=0.5)
 
 
 def test_too_few_fringes_or_none_is_refused(fringes, camera, rng):
     with pytest.raises(PhaseError, match="no pixel carries a phase"):
-        estimate_steps(np.full((3, 64, 64), 90, np.uint8), STATED)
+        estimate_phase_shifts(np.full((3, 64, 64), 90, np.uint8), STATED)
     coarse = camera(fringes(2 * np.pi * U / 400, STATED), rng, sigma=1)
     with pytest.raises(PhaseError, match="more fringes"):
-        estimate_steps(coarse, STATED)
+        estimate_phase_shifts(coarse, STATED)
 
 
 def test_mask_limits_where_steps_are_measured(fringes, camera, rng):
     frames = plate(fringes, camera, rng, (0, 2, -1))
     frames[:, :, 300:] = camera(plate(fringes, camera, rng, (0, -6, 6)).astype(float), rng)[:, :, 300:]
-    found = estimate_steps(frames, STATED, mask=U < 300)
+    found = estimate_phase_shifts(frames, STATED, mask=U < 300)
     np.testing.assert_allclose(np.rad2deg(found.errors_rad), [0, 2, -1], atol=0.08)
 
 

@@ -44,7 +44,7 @@ def test_four_steps_resist_gamma():
 def test_closed_forms_of_steps_and_brightness():
     # -(d / sqrt 3) sin(2 phi) for steps 120 + d, 240 - d: 0.580 deg at d = 1 deg. The first frame brighter by e:
     # -(2 e / 3) sin(phi) (A / B + cos(phi)), to first order in e = 1 %; 0.72 deg at A / B = 5 / 3.
-    wrong = phase_error(THREE, true_steps_rad=THREE + np.deg2rad([0, 1, -1]))
+    wrong = phase_error(THREE, true_phase_shifts_rad=THREE + np.deg2rad([0, 1, -1]))
     assert np.rad2deg(np.abs(wrong - wrong.mean()).max()) == pytest.approx(0.580, abs=0.005)
     bright = phase_error(THREE, gains=[1.01, 1, 1], offsets=[0.01 * 5 / 3, 0, 0])
     assert np.rad2deg(np.abs(bright).max()) == pytest.approx(0.72, abs=0.01)
@@ -106,5 +106,5 @@ def row_ripple(map_):
 def test_a_wave_that_cannot_be_undone_is_refused(fringes):
     map_ = demodulate(fringes(PLATE, THREE), THREE)
     hopeless = Waveform(np.array([0.6, 0, 0], complex), np.full(3, 0.01), 9)
-    with pytest.raises(PhaseError, match="take more steps"):
+    with pytest.raises(PhaseError, match="take more frames"):
         correct_gamma(map_, THREE, hopeless)

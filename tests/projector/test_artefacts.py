@@ -111,7 +111,7 @@ def test_an_order_that_the_rig_cannot_predict_is_left_out():
 
 @pytest.mark.parametrize("scene", [[], [(-80, 80, 35, 22.0, 0.0)]])
 def test_a_block_that_is_not_there_is_refused(scene):
-    with pytest.raises(FitError, match="not to be seen"):
+    with pytest.raises(FitError, match="was not found"):
         observe_artefact(STEPS, seen(scene)[0], np.ones(SHAPE, bool), known_rig())
 
 
@@ -162,10 +162,10 @@ def test_a_tall_block_outvotes_strips_of_wrong_height():
     np.testing.assert_allclose(height, 20.0, atol=0.002)
     # They are two of their standard uncertainties lower. A doubt of 0.005 mm is 0.0048 rad here; a surface as a
     # whole is believed to 0.002 rad, so each of plate, strips and block may take up to a sixth of the move.
-    assert -2.0 < fit.doubts[1][0] < -1.3
-    assert fit.doubts[0].size == 0
+    assert -2.0 < fit.height_changes_u[1][0] < -1.3
+    assert fit.height_changes_u[0].size == 0
 
 
 def test_strips_alone_keep_their_stated_height():
     fit = fit_rig(surfaces([points(0.0, 0.0, 1), points(3.0, 0.005, 2)], (0.0, 2.99)))
-    assert abs(fit.doubts[1][0]) < 0.05
+    assert abs(fit.height_changes_u[1][0]) < 0.05

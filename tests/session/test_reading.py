@@ -51,9 +51,9 @@ def test_everything_stated_is_read(bench: Bench) -> None:
     assert session.minutes_since_power_on == 45
     assert (session.camera.height_mm.value, session.camera.height_mm.u) == (1500.0, 5.0)
     assert session.projector.position_mm.value == (0.0, 1222.0, 1000.0)
-    assert session.steps_rad == pytest.approx((0, 2 * math.pi / 3, 4 * math.pi / 3), abs=1e-15)
+    assert session.phase_shifts_rad == pytest.approx((0, 2 * math.pi / 3, 4 * math.pi / 3), abs=1e-15)
     assert list(session.captures) == ["grid", "reference", "strips", "bars"]
-    assert session.one("grid").steps_rad == ()
+    assert session.one("grid").phase_shifts_rad == ()
     assert session.one("strips").target.kind == "strips"
     assert session.one("artefact").shape == (40, 48)
 
@@ -257,12 +257,12 @@ def test_periods_repeats_and_gray_code(bench: Bench) -> None:
 def test_five_frames_a_turn_apart_are_a_scheme_and_only_remarked_upon(bench: Bench) -> None:
     contents = [bench.encoded(bench.fringes(80 + k)) for k in range(5)]
     capture = bars(bench, contents, "png", steps_deg=[0.0, 90.0, 180.0, 270.0, 360.0])
-    assert len(capture.steps_rad) == 5
+    assert len(capture.phase_shifts_rad) == 5
     assert any("0.0, 360.0 deg are equal modulo 360" in note for note in check_session(bench.folder).notes)
 
 
 def test_pictures_without_phase_shifting(bench: Bench) -> None:
-    assert bars(bench, [bench.encoded(bench.fringes(80))], "png", steps_deg=[]).steps_rad == ()
+    assert bars(bench, [bench.encoded(bench.fringes(80))], "png", steps_deg=[]).phase_shifts_rad == ()
 
 
 def test_strips_without_reference_are_remarked_upon(bench: Bench) -> None:
@@ -321,7 +321,7 @@ def test_real_three_step_captures() -> None:
     # The author's own formula against least squares with the steps stated: the order of the frames.
     first, second, third = session.named("s1").read()[:, 60, 400:640].astype(float)
     theirs = np.arctan2(np.sqrt(3) * (first - third), 2 * second - first - third)
-    steps = np.array(session.named("s1").steps_rad)
+    steps = np.array(session.named("s1").phase_shifts_rad)
     quadrature = -(np.stack([first, second, third]) * np.sin(steps)[:, None]).sum(axis=0)
     in_phase = (np.stack([first, second, third]) * np.cos(steps)[:, None]).sum(axis=0)
     np.testing.assert_allclose(np.angle(np.exp(1j * (np.arctan2(quadrature, in_phase) - theirs))), 0, atol=1e-9)

@@ -66,7 +66,7 @@ class TestRigs:
             assert word in str(caught.value)
 
     def test_steps_of_the_wrong_number_are_refused(self):
-        with pytest.raises(FringecalError, match="2 values for 3 steps"):
+        with pytest.raises(FringecalError, match="2 values for 3 phase shifts"):
             load_rig("thesis").at(steps={"error_deg": (1.0, 2.0)})
 
     def test_a_projector_below_the_plate_is_refused(self):

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from fringecal.uncertainty.rounding import dof_text, doubt_text, value_text
+from fringecal.uncertainty.rounding import dof_text, uncertainty_text, value_text
 
 
 def test_the_guides_own_example():
@@ -33,7 +33,7 @@ def test_signs_are_printed_where_asked_for():
 
 def test_value_and_doubt_end_at_the_same_place():
     for u in (0.00123, 0.0234, 0.345, 4.56):
-        assert len(doubt_text(u).partition(".")[2]) == len(value_text(7.123456789, u).partition(".")[2])
+        assert len(uncertainty_text(u).partition(".")[2]) == len(value_text(7.123456789, u).partition(".")[2])
 
 
 def test_degrees_of_freedom_beyond_counting_are_no_number():

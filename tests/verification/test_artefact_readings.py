@@ -152,7 +152,7 @@ def test_table_holds_every_number() -> None:
     ("artefact", "message"),
     [
         (BALL, "0 of 1 balls"),
-        (BLOCK, "0 of 3 steps"),
+        (BLOCK, "0 of 3 height steps"),
         (target("box", width_mm=q(80.0), length_mm=q(60.0), height_mm=q(20.0)), "no top of the box"),
     ],
 )

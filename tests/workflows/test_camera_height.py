@@ -13,7 +13,7 @@ from fringecal.workflows.commission import measure_camera
 
 
 def test_110_for_1100_mm_is_asked_about():
-    with pytest.raises(FitError, match=r"height of 110 mm cannot be.*470 mm wide.*is it 1100\?"):
+    with pytest.raises(FitError, match=r"height of 110 mm is impossible.*470 mm wide.*is it 1100\?"):
         demand_possible_height(110.0, 470.0)
 
 

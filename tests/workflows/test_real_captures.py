@@ -61,7 +61,7 @@ def test_the_two_periods_stand_in_the_projectors_ratio(captures):
 def test_steps_of_the_lens_are_those_that_its_author_found(captures):
     estimate = captures["fpp_tools lens"].phase.estimated
     # The author's own fit, to a tenth of a degree; a gamma ripple of 0.039 rad rms shifts both by some tenths.
-    np.testing.assert_allclose(np.degrees(estimate.steps_rad), [0, 90.4, 180.3, 270.1], atol=0.5)
+    np.testing.assert_allclose(np.degrees(estimate.phase_shifts_rad), [0, 90.4, 180.3, 270.1], atol=0.5)
 
 
 def test_the_valid_shares_are_what_the_eye_sees(captures):

@@ -190,7 +190,7 @@ def test_without_a_stated_projector_there_is_no_theory(oblique):
     assert "Angle in theory" not in {f.name for f in report.facts}
     assert "En" not in tables["projection-angle-by-column.csv"]
     assert list(tables["position-of-the-projector.csv"]) == ["axis", "fitted / mm", "u / mm", "from"]
-    assert "nothing to be compared with" in report.verdict.sentence
+    assert "cannot be compared with" in report.verdict.sentence
 
 
 def test_parallel_light_has_no_position(oblique):

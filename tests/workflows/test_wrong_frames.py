@@ -120,4 +120,4 @@ def test_half_the_strips_in_shadow_leave_the_other_half(taken):
         assert abs(angle.value - np.degrees(np.arctan(1.222))) < 2 * angle.u
         assert angle.u < 0.12
     dark = found.strips.found.regions.labels[:, 190:]
-    assert not np.isfinite(found.strips.found.step_rad[:, 190:][dark > 0]).any()
+    assert not np.isfinite(found.strips.found.difference_rad[:, 190:][dark > 0]).any()

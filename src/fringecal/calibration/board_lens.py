@@ -82,7 +82,7 @@ class LensFindings:
 
 def _halves_note(fit: LensFit) -> str:
     if fit.halves_px is None:
-        return "Too few pictures to solve odd and even ones apart: errors of the model itself would not be seen."
+        return "Too few pictures for separate solutions from odd and even ones: errors of the lens model are not found."
     apart = float(np.nanmedian(fit.halves_px))
     if fit.inflation > 1:
         return (
@@ -119,7 +119,7 @@ class KnownLens:
             return (f"The lens is stated with its covariance by {self.file}.",)
         return (
             f"{self.file} states no covariance: focal length, principal point and distortion count as exact, and no "
-            "uncertainty of the rig holds their part; take board pictures, or a file that fringecal wrote.",
+            "uncertainty of the rig contains their contribution; take board pictures, or a file that fringecal wrote.",
         )
 
 

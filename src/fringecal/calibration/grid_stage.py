@@ -29,9 +29,9 @@ _WIDEST = 3.0  # field over height: beyond 113 deg of view a pinhole with Brown'
 class CameraFindings:
     """What the grid picture says of the camera: `pitch` of the grid in mm, the crossings found, and what follows.
 
-    `height_seen` is the camera's height by lens and grid alone, where another one is stated: they differ by as much as
-    the grid's stated pitch errs. Without a lens a wrong pitch cannot be told from another height. `assumed_height` is
-    what the height was taken to be where neither it nor a lens is stated.
+    `height_seen` is the camera's height by lens and grid alone, where another one is stated: their relative difference
+    is the error of the grid's stated pitch. Without a lens a wrong pitch cannot be distinguished from another height.
+    `assumed_height` is the height used where neither it nor a lens is stated.
     """
 
     pitch: Estimate
@@ -54,7 +54,7 @@ class CameraFindings:
             *lens,
             f"The camera's height is not stated, and a grid seen square-on cannot show it: a usual lens is assumed, "
             f"{low:.0f} to {high:.0f} mm up. Scale and apparent angle hardly change with it; projection angles beside "
-            "the middle and heights far above the strips do, as their uncertainties say. Measure it and state "
+            "the middle and heights far above the strips do, as their uncertainties show. Measure it and state "
             "camera.height_mm = { value, u }: the entrance pupil above the plate.",
         )
 
@@ -176,7 +176,7 @@ def demand_possible_height(height_mm: float, field_mm: float) -> None:
     """
     if field_mm > _WIDEST * height_mm:
         raise FitError(
-            f"The camera's stated height of {height_mm:g} mm cannot be: the picture is {field_mm:.0f} mm wide on the "
+            f"The camera's stated height of {height_mm:g} mm is impossible: the field is {field_mm:.0f} mm wide on the "
             f"plate, {field_mm / height_mm:.1f} times that, and no lens sees a field so wide. State camera.height_mm, "
             f"entrance pupil above the plate, in mm (is it {10 * height_mm:g}?), or correct the pitch of the grid."
         )

@@ -101,7 +101,7 @@ def calibrate_surfaces(
     projector
         Where the projector is stated to stand.
     wave
-        Shape of the fringes as found on the plate; kept with the rig for later pictures.
+        Waveform of the fringes as found on the plate; kept with the rig for later pictures.
     progress
         Called with a short sentence before each step.
 

@@ -83,15 +83,15 @@ def with_standards(observations: Observations, standards: Sequence[ObservedStand
 
 
 def contradictions(observations: Observations, fit: RigFit) -> tuple[str, ...]:
-    """Name every stated height that the other surfaces would have to move beyond its uncertainty."""
+    """Name every stated height that agrees with the other surfaces only when changed beyond its uncertainty."""
     found = []
-    for surface, moved in enumerate(fit.doubts):
-        for component, value in zip(observations.components_of(surface), moved, strict=True):
+    for surface, changes in enumerate(fit.height_changes_u):
+        for component, value in zip(observations.components_of(surface), changes, strict=True):
             if abs(value) > CONTRADICTS:
                 height = observations.height_mm[surface].value
                 found.append(
                     f"The artefacts contradict one another: to agree with the others, the {component.source.text} "
-                    f"({height:g} mm) would have to be off by {float(value):+z.1f} of its standard uncertainties. "
+                    f"({height:g} mm) would have to be wrong by {float(value):+z.1f} standard uncertainties. "
                     "Measure it again."
                 )
     return tuple(found)

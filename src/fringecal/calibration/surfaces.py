@@ -84,7 +84,7 @@ def plate_surface(phase: PhaseMap) -> PlateSurface:
     sizes = np.bincount(pieces.pieces.ravel())
     sizes[0] = 0
     if sizes.max(initial=0) < _LEAST_PLATE * pieces.pieces.size:
-        raise FitError("The bare plate's phase hangs together nowhere: shadows or dirt cut the fringes up.")
+        raise FitError("The bare plate's phase is nowhere connected: shadows or dirt cut the fringes up.")
     return PlateSurface(phase, np.where(pieces.pieces == int(np.argmax(sizes)), pieces.phase, np.nan))
 
 

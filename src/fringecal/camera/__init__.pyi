@@ -2,7 +2,7 @@ from .distortion.check_points import (
     check_points as check_points,
 )
 from .distortion.check_points import (
-    cost_of_neglect_px as cost_of_neglect_px,
+    effect_of_neglect_px as effect_of_neglect_px,
 )
 from .distortion.distortion_test import (
     SIGNIFICANCE as SIGNIFICANCE,

@@ -11,7 +11,7 @@ from rich.table import Table
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
-from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def _estimator(name: str, session: Any) -> "Estimator":
     from fringecal.workflows.angle import ESTIMATORS
 
     if name == "auto":
-        shifted = session.find("reference") and all(capture.steps_rad for capture in session.find("strips"))
+        shifted = session.find("reference") and all(capture.phase_shifts_rad for capture in session.find("strips"))
         return "phase" if shifted else "ridge"
     if name not in ESTIMATORS:
         raise typer.BadParameter(f"{name!r} is none of auto, {', '.join(ESTIMATORS)}", param_hint="--estimator")
@@ -112,7 +112,7 @@ def _angles(angle: "Estimate", apparent: float, theory: "Estimate | None", en: f
     stated = "" if theory is None else f"{theory.value:z.3f}"
     return (
         value_text(angle.value, angle.u),
-        doubt_text(angle.expanded().U),
+        uncertainty_text(angle.expanded().U),
         f"{apparent:z.3f}",
         stated,
         "" if en is None else f"{en:z.2f}",

@@ -13,7 +13,7 @@ from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import EXPANDED_BY, Estimate, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, Estimate, uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
 
 if TYPE_CHECKING:
@@ -117,6 +117,6 @@ def _table(changes) -> Table:  # type: ignore[no-untyped-def]
     for c in changes:
         en = "" if c.en is None else f"{c.en:+z.2f}"
         expanded = Estimate(c.value, c.u, dof=math.inf if c.dof is None else c.dof).expanded().U
-        numbers = value_text(c.value, expanded, sign=True), doubt_text(expanded)
+        numbers = value_text(c.value, expanded, sign=True), uncertainty_text(expanded)
         table.add_row(c.name, *numbers, c.unit, en, f"{c.limit:g}", c.decision)
     return table

@@ -11,7 +11,7 @@ from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
 
 HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
@@ -88,12 +88,12 @@ def _table(estimates) -> Table:  # type: ignore[no-untyped-def]
         table.add_column(heading, justify="left" if heading in ("quantity", "unit") else "right")
     for name, estimate in estimates.items():
         label = f"scale, {name}" if estimate.unit == "mm/px" else f"projection {name}"
-        value, u = value_text(estimate.value, estimate.u), doubt_text(estimate.u)
+        value, u = value_text(estimate.value, estimate.u), uncertainty_text(estimate.u)
         table.add_row(
             label.replace("projection apparent", "apparent projection"),
             value,
             u,
-            doubt_text(estimate.expanded().U),
+            uncertainty_text(estimate.expanded().U),
             escape(estimate.unit),
         )
     return table

@@ -15,7 +15,7 @@ from rich.table import Table
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
@@ -133,6 +133,6 @@ def _table(frame: pd.DataFrame) -> Table:
     for row in frame.itertuples(index=False):
         measured, u, true, thesis = (None if np.isnan(value) else float(value) for value in row[1:5])
         numbers = ["" if value is None else value_text(value, u) for value in (measured, true)]
-        others = "" if u is None else doubt_text(u), "" if thesis is None else f"{thesis:g}"
+        others = "" if u is None else uncertainty_text(u), "" if thesis is None else f"{thesis:g}"
         table.add_row(row[0], numbers[0], others[0], numbers[1], others[1], row[5])
     return table

@@ -27,7 +27,7 @@ from fringecal.errors import TargetError
 from fringecal.records import result_folder, software_versions, write_table
 from fringecal.report import REPORT_FILE, Report, Verdict, write_report
 from fringecal.targets import Dots, LineGrid, load_target
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.grid import (
     GridPicture,
     distortion_section,
@@ -219,7 +219,7 @@ def _scale_table(document: dict[str, Any]) -> Table:
         table.add_row(
             name.replace("_", " "),
             value_text(one["value"], one["u"]),
-            doubt_text(one["u"]),
+            uncertainty_text(one["u"]),
             f"{100 * one['u'] / one['value']:.3f} %",
         )
     return table

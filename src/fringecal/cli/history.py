@@ -16,7 +16,7 @@ from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.cli.shared.saving import demand_folder
 from fringecal.report import REPORT_FILE, write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
@@ -212,7 +212,7 @@ def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
     for row in readings:
         u = row["u"]
         expanded = Estimate(row["value"], u, dof=row["dof"] or math.inf).expanded().U if u else None
-        numbers = (value_text(row["value"], u), "" if expanded is None else doubt_text(expanded))
+        numbers = (value_text(row["value"], u), "" if expanded is None else uncertainty_text(expanded))
         en, limit = en_of(Reading(**{name: row[name] for name in names})), row["limit"]
         others = "" if en is None else f"{en:+z.2f}", "" if limit is None else f"{limit:g}"
         table.add_row(escape(row["quantity"]), *numbers, escape(row["unit"] or ""), *others, row["decision"] or "")

@@ -12,7 +12,7 @@ from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.pictures import read_picture
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
@@ -146,5 +146,5 @@ def _table(found: "LensFindings") -> Table:
         table.add_column(heading, justify="left" if heading in ("parameter", "unit") else "right")
     for name in LENS_NAMES:
         one = found.fit.lens.estimate(name)
-        table.add_row(name.removesuffix("_px"), value_text(one.value, one.u), doubt_text(one.u), one.unit)
+        table.add_row(name.removesuffix("_px"), value_text(one.value, one.u), uncertainty_text(one.u), one.unit)
     return table

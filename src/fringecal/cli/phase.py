@@ -34,8 +34,8 @@ from fringecal.phase import (
     Diagnosis,
     Finding,
     FindingKind,
+    PhaseShiftEstimate,
     PhaseSummary,
-    StepEstimate,
     compare_repeats,
     demand_phase,
     diagnose,
@@ -83,7 +83,7 @@ def phase(
         diagnoses = [_examined(one, mm_per_rad) if doctor else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
-                named(one, demand_phase, summary, one.frames, one.steps_rad)
+                named(one, demand_phase, summary, one.frames, one.phase_shifts_rad)
         counted = counted_orders(group, summaries) if group.absolute and not doctor else None
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
@@ -105,7 +105,7 @@ def phase(
 def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
     """Return what the doctor sees in a set, and all findings with those between its repeats."""
     found = diagnose(
-        one.frames, one.steps_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
+        one.frames, one.phase_shifts_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
     )
     return found, [*found.findings, *_between_repeats(one)]
 
@@ -120,7 +120,7 @@ def _between_repeats(one: PhaseSet) -> tuple[Finding, ...]:
     """Return what repeats of the set show, where there are several."""
     if one.repeats is None:
         return ()
-    return findings_of_repeats(compare_repeats(one.repeats, one.steps_rad, white_level=one.white_level))
+    return findings_of_repeats(compare_repeats(one.repeats, one.phase_shifts_rad, white_level=one.white_level))
 
 
 def _groups(
@@ -185,7 +185,7 @@ def _document(one: PhaseSet, summary: PhaseSummary, files: list[str]) -> dict[st
     map_ = summary.map
     document: dict[str, Any] = {
         "name": one.name,
-        "steps_stated_deg": np.rad2deg(one.steps_rad).round(9).tolist(),
+        "steps_stated_deg": np.rad2deg(one.phase_shifts_rad).round(9).tolist(),
         "shares": map_.shares(),
         "modulation": summary.median_modulation,
         "u_phase_rad": summary.median_sigma_rad,
@@ -197,15 +197,15 @@ def _document(one: PhaseSet, summary: PhaseSummary, files: list[str]) -> dict[st
     if summary.period is not None:
         period = summary.period
         document["period"] = {"value_px": period.period_px, "direction_deg": period.direction_deg}
-    if summary.steps is not None:
-        document["steps"] = _steps_document(summary.steps)
+    if summary.phase_shifts is not None:
+        document["steps"] = _steps_document(summary.phase_shifts)
     return document
 
 
-def _steps_document(steps: StepEstimate) -> dict[str, Any]:
+def _steps_document(steps: PhaseShiftEstimate) -> dict[str, Any]:
     """Put found steps into plain numbers."""
     return {
-        "found_deg": np.rad2deg(steps.steps_rad).tolist(),
+        "found_deg": np.rad2deg(steps.phase_shifts_rad).tolist(),
         "u_deg": np.rad2deg(steps.u_rad).tolist(),
         "gain_per_frame": steps.gain_per_frame.tolist(),
         "offset_per_frame": steps.offset_per_frame.tolist(),

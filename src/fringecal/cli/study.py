@@ -14,7 +14,7 @@ from rich.table import Table
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import doubt_text, value_text
+from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def _table(summary: "StudySummary") -> Table:
         band = f"{100 * q.band[0]:.1f}..{100 * q.band[1]:.1f}"
         numbers = (
             value_text(q.bias, q.u_bias, sign=True),
-            doubt_text(q.stated),
+            uncertainty_text(q.stated),
             f"{q.ratio:.2f}",
             f"{100 * q.coverage:.1f}",
         )

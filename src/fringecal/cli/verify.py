@@ -12,7 +12,7 @@ from fringecal.cli.history import append_record
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
 from fringecal.report import write_report
-from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
 
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
@@ -120,7 +120,7 @@ def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
         values = ((r.measured, r.u_measured), (r.reference, r.u_reference), (r.error, r.u_measured))
         cells = ["" if value is None else value_text(value, u, otherwise=".4f") for value, u in values]
         doubts = (r.u_measured, r.u_reference if r.reference is not None else None)
-        cells += ["" if u is None else doubt_text(u) for u in doubts]
+        cells += ["" if u is None else uncertainty_text(u) for u in doubts]
         table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+z.2f}")
     return table
 
@@ -152,7 +152,7 @@ def _table(errors) -> Table:  # type: ignore[no-untyped-def]
             f"{p.y_mm:.1f}",
             str(p.n),
             value_text(p.mean_mm, p.u_mm, sign=True, otherwise=".4f"),
-            doubt_text(p.u_mm) if p.u_mm else "",
+            uncertainty_text(p.u_mm) if p.u_mm else "",
             f"{p.sd_mm:.4f}",
             f"{p.max_abs_mm:.4f}",
             *percents,

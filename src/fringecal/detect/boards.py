@@ -9,7 +9,7 @@ from fringecal.errors import DetectionError
 FloatArray = npt.NDArray[np.float64]
 Grey = npt.NDArray[np.uint8]
 
-#: Shorter side of a picture in which a pattern is sought: four of the smallest cells that are told apart.
+#: Shorter side of a picture in which a pattern is sought: four of the smallest cells that are distinguished.
 MIN_SIDE_PX = 40
 #: Percentiles that become black and white: no dead and no hot pixel.
 DARKEST, BRIGHTEST = 0.1, 99.9

@@ -5,7 +5,7 @@ from .demodulation.adapted import (
     demodulate_adapted as demodulate_adapted,
 )
 from .demodulation.corrections import (
-    correct_steps as correct_steps,
+    correct_phase_shifts as correct_phase_shifts,
 )
 from .demodulation.corrections import (
     equalise as equalise,
@@ -41,10 +41,10 @@ from .demodulation.noise import (
     noise_from_repeats as noise_from_repeats,
 )
 from .demodulation.phase_shifts import (
-    StepEstimate as StepEstimate,
+    PhaseShiftEstimate as PhaseShiftEstimate,
 )
 from .demodulation.phase_shifts import (
-    estimate_steps as estimate_steps,
+    estimate_phase_shifts as estimate_phase_shifts,
 )
 from .demodulation.repeated_sets import (
     compare_repeats as compare_repeats,

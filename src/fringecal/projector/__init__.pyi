@@ -14,7 +14,7 @@ from .angle.angle_table import (
     both_axes as both_axes,
 )
 from .angle.angle_theory import (
-    LAMP_CHANCE as LAMP_CHANCE,
+    DISPLACEMENT_PROBABILITY as DISPLACEMENT_PROBABILITY,
 )
 from .angle.angle_theory import (
     Displacement as Displacement,
@@ -92,7 +92,7 @@ from .moves import (
     RigState as RigState,
 )
 from .moves import (
-    has_lamp as has_lamp,
+    has_projector_position as has_projector_position,
 )
 from .moves import (
     moved as moved,

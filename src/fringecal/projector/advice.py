@@ -163,7 +163,7 @@ def _scatter(fit: RigFit) -> tuple[float, float]:
 
 def _forecast_sentence(forecast: HeightForecast) -> str:
     dominant = forecast.dominant
-    due = "" if dominant is None else f"; {100 * dominant[1]:.0f} % of its variance is due to: {dominant[0].text}"
+    due = "" if dominant is None else f"; {100 * dominant[1]:.0f} % of its variance comes from: {dominant[0].text}"
     return (
         f"A height of {forecast.z_mm:g} mm has a standard uncertainty of {forecast.rms_mm:.2g} mm over the field "
         f"({float(forecast.u_mm.min()):.2g} to {float(forecast.u_mm.max()):.2g} mm; a single pixel's noise adds "
@@ -177,8 +177,9 @@ def _next_sentence(gains: Sequence[Gain], forecasts: Sequence[HeightForecast]) -
     best, z = gains[0], forecasts[len(forecasts) // 2].z_mm
     if best.ratio(z) > _WORTH:
         return (
-            f"To measure next: nothing of what was judged helps; {best.proposal.name} would bring {z:g} mm from "
-            f"{best.before_mm[z]:.2g} to {best.after_mm[z]:.2g} mm only. What is left is the camera's scale."
+            f"To measure next: none of the artefacts that were judged reduces it much; {best.proposal.name} would "
+            f"bring {z:g} mm from {best.before_mm[z]:.2g} to {best.after_mm[z]:.2g} mm only. What is left is the "
+            "camera's scale."
         )
     others = "; ".join(f"{g.proposal.name}: {g.after_mm[z]:.2g} mm" for g in gains[1:])
     return (

@@ -46,19 +46,20 @@ class PhasePoints:
         The unwrapped phase, NaN where unknown.
     cluster
         Number of the block of neighbours a pixel belongs to.
-    doubts_mm
-        What one standard uncertainty of each doubt about the height does to it: one number, or one for each pixel.
+    height_components_mm
+        Uncertainty components of the height: by how much one standard uncertainty of each changes it, one number, or
+        one for each pixel.
     """
 
     rays: Rays
     z_mm: float | Array
     phase_rad: Array
     cluster: NDArray[np.intp]
-    doubts_mm: tuple[float | Array, ...] = ()
+    height_components_mm: tuple[float | Array, ...] = ()
 
-    def lifted(self, doubts: Array) -> "PhasePoints":
-        """Return the same pixels with their height changed by so many standard uncertainties of each doubt."""
-        changes = (value * change for value, change in zip(doubts, self.doubts_mm, strict=True))
+    def with_height_changed(self, by_u: Array) -> "PhasePoints":
+        """Return the same pixels with their height changed by so many standard uncertainties of each component."""
+        changes = (u * mm for u, mm in zip(by_u, self.height_components_mm, strict=True))
         return replace(self, z_mm=sum(changes, self.z_mm))
 
 
@@ -66,8 +67,8 @@ class PhasePoints:
 class RigFit:
     """A fitted rig, its covariance from the scatter of residuals, and the residuals of every surface.
 
-    `doubts` holds, for every surface, by how many standard uncertainties each doubt about its height was moved
-    to make all surfaces agree.
+    `height_changes_u` holds, for every surface, by how many standard uncertainties each component of its height was
+    changed to make all surfaces agree.
     """
 
     model: RigModel
@@ -76,7 +77,7 @@ class RigFit:
     rms_rad: float
     plate_rms_rad: float
     dof: int
-    doubts: tuple[Array, ...] = ()
+    height_changes_u: tuple[Array, ...] = ()
 
 
 def fit_rig(
@@ -95,7 +96,7 @@ def fit_rig(
     residual_degree
         Total degree of the plate residual; 0 leaves it out.
     projector_near
-        Where the projector is said to stand, in mm: only used to choose the point of its line.
+        The projector's stated position, mm: only used to choose the point of its line.
     start
         A fit to the same pixels with a slightly other camera or height, to begin from: fewer rounds will do.
 
@@ -106,31 +107,31 @@ def fit_rig(
     """
     if len({float(z) for s in surfaces for z in np.unique(s.z_mm)}) < 2:
         raise FitError(
-            "All phase points lie at one height: they cannot tell how phase changes with height. Add a capture of "
-            "strips or steps of known height."
+            "All phase points lie at one height: they do not determine how phase changes with height. Add a capture of "
+            "strips or height steps of known height."
         )
     model = RigModel(_first_guess(surfaces), np.full(3, np.inf)) if start is None else start.model
     keep = [np.isfinite(s.phase_rad) for s in surfaces] if start is None else [np.isfinite(r) for r in start.residuals]
-    doubts = [np.zeros(len(s.doubts_mm)) for s in surfaces]
+    changes = [np.zeros(len(s.height_components_mm)) for s in surfaces]
     rounds = _ROUNDS if start is None else _FEW_ROUNDS
     for round_number in range(rounds):
-        model, doubts = _improve(model, surfaces, keep, doubts)
+        model, changes = _improve(model, surfaces, keep, changes)
         model = RigModel(model.parameters, projector_point(model.parameters, near=projector_near), model.residual)
         if residual_degree and round_number < rounds - _SETTLED:
             model = _with_residual(model, surfaces[0], keep[0], residual_degree)
-        misfits = [_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True)]
-        keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(misfits, surfaces, strict=True)]
-    return _report(model, surfaces, keep, doubts)
+        unfiltered = [_phase_residual(model, s.with_height_changed(c)) for s, c in zip(surfaces, changes, strict=True)]
+        keep = [_inliers(m, finite=np.isfinite(s.phase_rad)) for m, s in zip(unfiltered, surfaces, strict=True)]
+    return _report(model, surfaces, keep, changes)
 
 
-def _misfit(model: RigModel, surface: PhasePoints) -> Array:
+def _phase_residual(model: RigModel, surface: PhasePoints) -> Array:
     x, y = surface.rays.at(surface.z_mm)
     return surface.phase_rad - model.phase(x, y, surface.z_mm)
 
 
 def _inliers(residual: Array, *, finite: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    spread = max(robust_sd(residual[finite]), _LEAST_SPREAD_RAD)
-    return finite & (np.abs(residual) < OUTLIER_SDS * spread + np.abs(np.median(residual[finite])))
+    sd = max(robust_sd(residual[finite]), _LEAST_SPREAD_RAD)
+    return finite & (np.abs(residual) < OUTLIER_SDS * sd + np.abs(np.median(residual[finite])))
 
 
 def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
@@ -155,7 +156,7 @@ _UNITS = np.array([_LENGTH, _LENGTH, _LENGTH, 1.0, _LENGTH, _LENGTH, _LENGTH])
 
 
 def _jacobian(model: RigModel, surface: PhasePoints) -> Array:
-    """Derivatives of the phase by the seven numbers, in solver units, then by the surface's doubts."""
+    """Derivatives of the phase by the seven numbers, in solver units, then by the height components."""
     rays = surface.rays
     x, y = rays.at(surface.z_mm)
     z = np.full_like(x, surface.z_mm)
@@ -164,8 +165,8 @@ def _jacobian(model: RigModel, surface: PhasePoints) -> Array:
     phi = model.ratio(x, y, z)
     columns = np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]) / _UNITS
     along = n[0] * rays.bx + n[1] * rays.by + n[2] - phi * (d[0] * rays.bx + d[1] * rays.by + d[2])
-    lifts = [along * change for change in surface.doubts_mm]
-    return np.column_stack([columns, *lifts]) / below[:, None]
+    by_height = [along * change for change in surface.height_components_mm]
+    return np.column_stack([columns, *by_height]) / below[:, None]
 
 
 @dataclass(frozen=True)
@@ -183,7 +184,7 @@ class _Share:
 
 @dataclass(frozen=True)
 class _Normal:
-    """Normal matrix and right side of the seven numbers and all doubts, and each surface's share."""
+    """Normal matrix and right side of the seven numbers and all height components, and each surface's share."""
 
     matrix: Array
     right: Array
@@ -191,19 +192,19 @@ class _Normal:
 
 
 def _normal(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], changes: Sequence[Array]
 ) -> _Normal:
-    """Gather the normal equations; every surface has the same voice, every doubt is an observation of zero."""
-    ends = 7 + np.cumsum([len(d) for d in doubts])
+    """Gather the normal equations; all surfaces weigh the same, every height component is an observation of zero."""
+    ends = 7 + np.cumsum([len(d) for d in changes])
     prior = np.concatenate([np.zeros(7), np.ones(ends[-1] - 7)])
-    matrix, right = np.diag(prior), -prior * np.concatenate([np.zeros(7), *doubts])
+    matrix, right = np.diag(prior), -prior * np.concatenate([np.zeros(7), *changes])
     shares = []
-    for surface, good, doubt, end in zip(surfaces, keep, doubts, ends, strict=True):
-        lifted = surface.lifted(doubt)
+    for surface, good, change, end in zip(surfaces, keep, changes, ends, strict=True):
+        changed = surface.with_height_changed(change)
         weight = 1.0 / (max(1, int(np.count_nonzero(good))) * SURFACE_U_RAD**2)
-        place = np.concatenate([np.arange(7), np.arange(end - len(doubt), end)])
-        jacobian = _jacobian(model, lifted)[good]
-        score = weight * jacobian * _misfit(model, lifted)[good][:, None]
+        place = np.concatenate([np.arange(7), np.arange(end - len(change), end)])
+        jacobian = _jacobian(model, changed)[good]
+        score = weight * jacobian * _phase_residual(model, changed)[good][:, None]
         matrix[np.ix_(place, place)] += weight * jacobian.T @ jacobian
         right[place] += score.sum(axis=0)
         shares.append(_Share(jacobian, score, weight, place))
@@ -223,12 +224,12 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _improve(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], changes: Sequence[Array]
 ) -> tuple[RigModel, list[Array]]:
-    normal = _normal(model, surfaces, keep, doubts)
+    normal = _normal(model, surfaces, keep, changes)
     step = _inverse(normal.matrix) @ normal.right
     better = RigModel(model.parameters + step[:7] / _UNITS, model.projector_mm, model.residual)
-    return better, [d + step[share.place[7:]] for d, share in zip(doubts, normal.shares, strict=True)]
+    return better, [c + step[share.place[7:]] for c, share in zip(changes, normal.shares, strict=True)]
 
 
 def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
@@ -239,9 +240,9 @@ def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_],
 
 
 def _report(
-    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], doubts: Sequence[Array]
+    model: RigModel, surfaces: Sequence[PhasePoints], keep: Sequence[NDArray[np.bool_]], changes: Sequence[Array]
 ) -> RigFit:
-    normal = _normal(model, surfaces, keep, doubts)
+    normal = _normal(model, surfaces, keep, changes)
     inverse = _inverse(normal.matrix)
     meat, number = np.zeros_like(inverse), 0
     for surface, good, share in zip(surfaces, keep, normal.shares, strict=True):
@@ -250,8 +251,8 @@ def _report(
         meat[np.ix_(share.place, share.place)] += sums.T @ sums
         number += len(sums)
     covariance = (inverse @ meat @ inverse)[:7, :7] / np.outer(_UNITS, _UNITS)
-    misfits = (_misfit(model, s.lifted(d)) for s, d in zip(surfaces, doubts, strict=True))
-    residuals = tuple(np.where(good, m, np.nan) for m, good in zip(misfits, keep, strict=True))
+    unfiltered = (_phase_residual(model, s.with_height_changed(c)) for s, c in zip(surfaces, changes, strict=True))
+    residuals = tuple(np.where(good, m, np.nan) for m, good in zip(unfiltered, keep, strict=True))
     everything = np.concatenate([r[np.isfinite(r)] for r in residuals])
     return RigFit(
         model=model,
@@ -260,14 +261,14 @@ def _report(
         rms_rad=float(np.sqrt(np.mean(everything**2))),
         plate_rms_rad=float(np.sqrt(np.nanmean(residuals[0] ** 2))),
         dof=max(1, number - 7),
-        doubts=tuple(doubts),
+        height_changes_u=tuple(changes),
     )
 
 
 def _block_scores(share: _Share, cluster: NDArray[np.intp], inverse: Array) -> Array:
-    """Sum the scores of each block, made larger by what the fit took off the block's own residuals.
+    """Sum the scores of each block, made larger by what the fit removed of the block's own residuals.
 
-    Blocks that are few pull the fit toward themselves, and their residuals come out too small: (I - H)^-1/2 undoes
+    Blocks that are few pull the fit toward themselves, and their residuals come out too small: (I - H)^-1/2 corrects
     it (Bell and McCaffrey, Survey Methodology 28 (2002) 169, "CR2").
     """
     _, index, number = np.unique(cluster, return_inverse=True, return_counts=True)

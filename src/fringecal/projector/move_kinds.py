@@ -1,4 +1,4 @@
-"""The moves of a rig's parts that an audit tells apart, and the texts that name them to a reader."""
+"""The moves of a rig's parts that an audit distinguish, and the texts that name them to a reader."""
 
 from enum import Enum
 

@@ -1,4 +1,4 @@
-"""What a rig becomes when one physical thing in it moves: camera, lamp, slide, lens, plate or strips.
+"""What a rig becomes when one physical thing in it moves: camera, projector, slide, lens, plate or strips.
 
 Every move gives camera and rig model in the plate frame as it is afterwards, which the camera's picture and the plate
 define anew. The plate's smooth residual goes with its plate points: moves are small against its waves.
@@ -100,7 +100,7 @@ def _camera_turned(axis: int) -> Callable[[RigState, float], RigState]:
         longer = math.cos(before) / math.cos(after)
         changed = _camera(state, **{name: after, "scale_mm_per_px": camera["scale_mm_per_px"] * longer})
         origin = np.zeros(3)
-        # The axis leans toward +x when its foot lies toward -x of the pupil.
+        # The axis tilts toward +x when its foot lies toward -x of the pupil.
         origin[axis] = -camera["height_mm"] * (math.tan(after) - math.tan(before))
         return _framed(changed, np.eye(3), origin)
 
@@ -119,11 +119,11 @@ def _refocused(state: RigState, relative: float) -> RigState:
     return _camera(state, scale_mm_per_px=state.camera["scale_mm_per_px"] / (1 + relative))
 
 
-def _lens_bent(state: RigState, amount: float) -> RigState:
+def _lens_distorted(state: RigState, amount: float) -> RigState:
     return _camera(state, k1=state.camera["k1"] + amount)
 
 
-def _lamp_shifted(axis: int) -> Callable[[RigState, float], RigState]:
+def _projector_shifted(axis: int) -> Callable[[RigState, float], RigState]:
     def shifted(state: RigState, amount_mm: float) -> RigState:
         after = _framed(state, np.eye(3), -amount_mm * np.eye(3)[axis])
         return replace(after, camera=state.camera)
@@ -131,14 +131,14 @@ def _lamp_shifted(axis: int) -> Callable[[RigState, float], RigState]:
     return shifted
 
 
-def _lamp_aimed(axis: int) -> Callable[[RigState, float], RigState]:
-    """Shift the lamp, turn it back to the point it lit, and rule the slide to the same fringes at the origin."""
+def _projector_aimed(axis: int) -> Callable[[RigState, float], RigState]:
+    """Shift the projector, turn it back to the point it lit, and rule the slide to the same fringes at the origin."""
 
     def aimed(state: RigState, amount_mm: float) -> RigState:
-        lamp, model = state.model.projector_mm, state.model
+        projector, model = state.model.projector_mm, state.model
         towards = model.parameters[4:] / np.linalg.norm(model.parameters[4:])
-        aim = lamp - towards * lamp[2] / towards[2]
-        new = lamp + amount_mm * np.eye(3)[axis]
+        aim = projector - towards * projector[2] / towards[2]
+        new = projector + amount_mm * np.eye(3)[axis]
         depth = (aim - new) / np.linalg.norm(aim - new)
         d = -depth / (depth @ new)
         helper = np.eye(3)[int(np.argmin(np.abs(depth)))]
@@ -153,7 +153,7 @@ def _lamp_aimed(axis: int) -> Callable[[RigState, float], RigState]:
     return aimed
 
 
-def _lamp_turned(axis: int) -> Callable[[RigState, float], RigState]:
+def _projector_turned(axis: int) -> Callable[[RigState, float], RigState]:
     def turned(state: RigState, amount_rad: float) -> RigState:
         pivot = np.where(np.isfinite(state.model.projector_mm), state.model.projector_mm, 0.0)
         turn = _rotation(np.eye(3)[axis], amount_rad)
@@ -163,7 +163,7 @@ def _lamp_turned(axis: int) -> Callable[[RigState, float], RigState]:
 
 
 def _slide_ruled(state: RigState, relative: float) -> RigState:
-    """Make the slide's pitch larger: every phase becomes smaller, the lamp stays."""
+    """Make the slide's pitch larger: every phase becomes smaller, the projector stays."""
     parameters = state.model.parameters.copy()
     parameters[:4] /= 1 + relative
     return _model(state, parameters, state.model.projector_mm)
@@ -187,12 +187,12 @@ def _plate_tilted(axis: int) -> Callable[[RigState, float], RigState]:
         camera = state.camera
         about = np.array([0.0, -1.0, 0.0]) if axis == 0 else np.array([1.0, 0.0, 0.0])
         turn = _rotation(about, amount_rad)
-        lean = turn.T @ np.array([math.tan(camera["tilt_x_rad"]), math.tan(camera["tilt_y_rad"]), 1.0])
+        optical = turn.T @ np.array([math.tan(camera["tilt_x_rad"]), math.tan(camera["tilt_y_rad"]), 1.0])
         seen = _camera(
             state,
-            tilt_x_rad=math.atan(lean[0] / lean[2]),
-            tilt_y_rad=math.atan(lean[1] / lean[2]),
-            height_mm=camera["height_mm"] * float(lean[2]),
+            tilt_x_rad=math.atan(optical[0] / optical[2]),
+            tilt_y_rad=math.atan(optical[1] / optical[2]),
+            height_mm=camera["height_mm"] * float(optical[2]),
         )
         return _framed(seen, turn, np.zeros(3))
 
@@ -231,8 +231,8 @@ def _rotation(axis: Array, angle_rad: float) -> Array:
     return np.asarray(np.eye(3) + math.sin(angle_rad) * cross + (1 - math.cos(angle_rad)) * cross @ cross)
 
 
-def has_lamp(model: RigModel) -> bool:
-    """Tell whether the light diverges from a place that can move."""
+def has_projector_position(model: RigModel) -> bool:
+    """Return whether the projector has a finite position, which can move."""
     return bool(np.all(np.isfinite(projector_line(model.parameters)[0])) and np.all(np.isfinite(model.projector_mm)))
 
 
@@ -245,17 +245,17 @@ MOVES: Mapping[Move, Callable[[RigState, float], RigState]] = {
     Move.CAMERA_TILT_Y: _camera_turned(1),
     Move.CAMERA_ROLL: _camera_rolled,
     Move.FOCAL_LENGTH: _refocused,
-    Move.LENS_DISTORTION: _lens_bent,
+    Move.LENS_DISTORTION: _lens_distorted,
     Move.LENS_BLUR: _lens_blurred,
-    Move.PROJECTOR_ALONG_X: _lamp_shifted(0),
-    Move.PROJECTOR_ALONG_Y: _lamp_shifted(1),
-    Move.PROJECTOR_ALONG_Z: _lamp_shifted(2),
-    Move.AIMED_PROJECTOR_ALONG_X: _lamp_aimed(0),
-    Move.AIMED_PROJECTOR_ALONG_Y: _lamp_aimed(1),
-    Move.AIMED_PROJECTOR_ALONG_Z: _lamp_aimed(2),
-    Move.PROJECTOR_TURNED_X: _lamp_turned(0),
-    Move.PROJECTOR_TURNED_Y: _lamp_turned(1),
-    Move.PROJECTOR_TURNED_Z: _lamp_turned(2),
+    Move.PROJECTOR_ALONG_X: _projector_shifted(0),
+    Move.PROJECTOR_ALONG_Y: _projector_shifted(1),
+    Move.PROJECTOR_ALONG_Z: _projector_shifted(2),
+    Move.AIMED_PROJECTOR_ALONG_X: _projector_aimed(0),
+    Move.AIMED_PROJECTOR_ALONG_Y: _projector_aimed(1),
+    Move.AIMED_PROJECTOR_ALONG_Z: _projector_aimed(2),
+    Move.PROJECTOR_TURNED_X: _projector_turned(0),
+    Move.PROJECTOR_TURNED_Y: _projector_turned(1),
+    Move.PROJECTOR_TURNED_Z: _projector_turned(2),
     Move.SLIDE_PITCH: _slide_ruled,
     Move.SLIDE_TURN: _slide_turned,
     Move.FRINGE_BLUR: _fringes_blurred,

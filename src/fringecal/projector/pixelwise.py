@@ -28,9 +28,9 @@ class PixelwiseModel:
     law: str
     coefficients: Array
 
-    def height(self, step_rad: ArrayLike) -> Array:
+    def height(self, difference_rad: ArrayLike) -> Array:
         """Return heights in mm from the phase over the plate's, rad, in the coefficients' shape."""
-        step = np.asarray(step_rad, float)
+        step = np.asarray(difference_rad, float)
         if self.law == "cubic":
             c1, c2, c3 = self.coefficients
             return np.asarray(step * (c1 + step * (c2 + step * c3)))
@@ -58,12 +58,12 @@ def _smooth(values: Array, design: NDArray[np.floating]) -> Array:
     return np.asarray(design @ fitted)
 
 
-def fit_pixelwise(step_rad: ArrayLike, heights_mm: ArrayLike, *, law: str = "inverse-linear") -> PixelwiseModel:
+def fit_pixelwise(difference_rad: ArrayLike, heights_mm: ArrayLike, *, law: str = "inverse-linear") -> PixelwiseModel:
     """Fit a law at every pixel to flats of known height, by least squares in the phase (cubic: in the height).
 
     Parameters
     ----------
-    step_rad
+    difference_rad
         Phase of each flat over the plate's, unwrapped, shape (K, ...).
     heights_mm
         Their heights above the plate, shape (K,), none of them 0.
@@ -87,7 +87,7 @@ def fit_pixelwise(step_rad: ArrayLike, heights_mm: ArrayLike, *, law: str = "inv
     >>> fit_pixelwise(flats, z).coefficients.round(12).ravel().tolist()
     [2.0, 0.01]
     """
-    steps, heights = np.asarray(step_rad, float), np.asarray(heights_mm, float)
+    steps, heights = np.asarray(difference_rad, float), np.asarray(heights_mm, float)
     terms = LAWS[law]
     different = np.unique(heights[heights != 0]).size
     if different < terms:

@@ -16,7 +16,7 @@ _PLATE_NUMBERS = 5  # of the rig's seven that the plate tells: all but those of 
 _ROUNDS = 4  # ratio and residual by turns, from no residual and no outliers; both settle meanwhile
 _RANK_TOLERANCE = 1e-12  # of the largest singular value: below it float64 cannot tell a column from the others
 _LEAST_RAD = 1e-9  # drawn phase without noise scatters by rounding alone; nothing is an outlier of that
-_ROUGH_RAD = 0.5  # off a smooth phase: noise and ripple stay far below it, an object's edge does not
+_ROUGH_RAD = 0.5  # from a smooth phase: noise and ripple stay far below it, an object's edge does not
 _MOST_ROUGH = 0.1  # share of the plate's points that may be off by more than that: dirt and shadow, but no object
 
 
@@ -60,6 +60,6 @@ def plate_model(plate: PhasePoints, *, seed: int = DRAW_SEED) -> RigModel:
     if rough > _MOST_ROUGH:
         raise FitError(
             f"The reference is no bare plate: over {100 * rough:.0f} % of it the phase is more than {_ROUGH_RAD} rad "
-            "off a smooth one. Something lies on the plate, or the captures of strips and reference are exchanged."
+            "from a smooth one. Something lies on the plate, or the captures of strips and reference are exchanged."
         )
     return RigModel(parameters, np.full(3, np.inf), residual)

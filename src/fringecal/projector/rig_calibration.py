@@ -30,7 +30,7 @@ class RigCalibration:
     """Camera, rig model and the components of their joint uncertainty, whose effects run over all parameters.
 
     The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
-    the shape of the fringes as found on the plate, `orders` how further periods number them.
+    the waveform of the fringes as found on the plate, `orders` how further periods number them.
     """
 
     camera: PlateCamera

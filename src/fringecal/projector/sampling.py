@@ -1,4 +1,4 @@
-"""Which pixels of a region go into a fit, and which of them hang together."""
+"""Which pixels of a region go into a fit, and which of them are correlated."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from fringecal.numerics import DRAW_SEED
 Array = NDArray[np.float64]
 
 _BLOCK_PX = (
-    24  # side of the blocks of neighbours whose residuals hang together: about two fringes, whose ripple they share
+    24  # side of the blocks of neighbours whose residuals are correlated: about two fringes, whose ripple they share
 )
 _BLOCK_ROW = 100_000  # in a block's number: more than a picture has blocks beside one another
 OUTLIER_SDS = 4.5

@@ -37,7 +37,7 @@ class Rig(NamedTuple):
     box: np.ndarray
 
 
-class Doubt(NamedTuple):
+class UncertaintyRows(NamedTuple):
     """Uncertainty as plain arrays.
 
     `rows` holds the systematic variance of z in mm^2 by row, power of the scaled height, power of the position along
@@ -172,12 +172,12 @@ def _variance(rows, t, height, level, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _add_reasons(step, z, doubt, why):  # type: ignore[no-untyped-def]
+def _add_reasons(step, z, uncertainty, why):  # type: ignore[no-untyped-def]
     """Give every pixel without a reason the first that applies; choices without branches, several pixels at once."""
-    undecided, no_ray, out_of_range = doubt.flags
+    undecided, no_ray, out_of_range = uncertainty.flags
     none = np.uint8(0)
     for j in range(step.size):
-        outside = (z[j] < doubt.low) | (z[j] > doubt.high)
+        outside = (z[j] < uncertainty.low) | (z[j] > uncertainty.high)
         reason = out_of_range if outside else none
         reason = reason if abs(z[j]) < np.inf else no_ray
         reason = reason if step[j] == step[j] else undecided
@@ -194,7 +194,7 @@ def _random_part(slope, sigma, excess, why, out):  # type: ignore[no-untyped-def
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _surface_strip(i, first, step, sigma, rig, doubt, buffers, maps):  # type: ignore[no-untyped-def]
+def _surface_strip(i, first, step, sigma, rig, uncertainty, buffers, maps):  # type: ignore[no-untyped-def]
     """Write the surface of the pixels of row i from column `first` on; `maps` are that strip's."""
     position = rig.position[first : first + step.size]
     rays, rho, work = buffers[:4], buffers[4], buffers[7:10]
@@ -208,11 +208,11 @@ def _surface_strip(i, first, step, sigma, rig, doubt, buffers, maps):  # type: i
     _heights(rig, rays, phi, buffers[4:10], z, slope)
     height, level = phi, rho
     for j in range(step.size):
-        height[j] = min(max((z[j] - doubt.middle) / doubt.half, -CONTINUED), CONTINUED)
-    _variance(doubt.rows[i], position, height, level, variance)
+        height[j] = min(max((z[j] - uncertainty.middle) / uncertainty.half, -CONTINUED), CONTINUED)
+    _variance(uncertainty.rows[i], position, height, level, variance)
     x, y, z_out, u_z, u_random, why = maps
-    _add_reasons(step, z, doubt, why)
-    _random_part(slope, sigma, np.float32(doubt.excess * doubt.excess), why, u_random)
+    _add_reasons(step, z, uncertainty, why)
+    _random_part(slope, sigma, np.float32(uncertainty.excess * uncertainty.excess), why, u_random)
     for j in range(step.size):
         here = z[j] if why[j] == 0 else np.nan
         x[j] = rays[0, j] + rays[2, j] * here
@@ -222,7 +222,7 @@ def _surface_strip(i, first, step, sigma, rig, doubt, buffers, maps):  # type: i
 
 
 @njit(cache=True, fastmath=_FAST, error_model="numpy")
-def _surface_row(i, step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-def]
+def _surface_row(i, step, sigma, rig, uncertainty, maps):  # type: ignore[no-untyped-def]
     buffers = np.zeros((14, _STRIP))
     x, y, z, u_z, u_random, why = maps
     for first in range(0, step.size, _STRIP):
@@ -235,11 +235,11 @@ def _surface_row(i, step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-d
             u_random[i, first:last],
             why[i, first:last],
         )
-        _surface_strip(i, first, step[first:last], sigma[first:last], rig, doubt, buffers, part)
+        _surface_strip(i, first, step[first:last], sigma[first:last], rig, uncertainty, buffers, part)
 
 
 @njit(parallel=True, cache=True)
-def surface_rows(step, sigma, rig, doubt, maps):  # type: ignore[no-untyped-def]
-    """Write the surface of absolute phase steps over the plate, row by row."""
+def surface_rows(step, sigma, rig, uncertainty, maps):  # type: ignore[no-untyped-def]
+    """Write the surface of absolute phase differences to the plate, row by row."""
     for i in prange(step.shape[0]):
-        _surface_row(i, step[i], sigma[i], rig, doubt, maps)
+        _surface_row(i, step[i], sigma[i], rig, uncertainty, maps)

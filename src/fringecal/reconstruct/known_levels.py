@@ -54,39 +54,39 @@ class Levels:
 
 
 def steps_at_levels(
-    step_rad: Array, valid: NDArray[np.bool_], predicted_rad: Array, *, rules: LevelRules = LEVEL_RULES
+    difference_rad: Array, valid: NDArray[np.bool_], predicted_rad: Array, *, rules: LevelRules = LEVEL_RULES
 ) -> Array:
-    """Return the absolute phase step of the pixels that lie on a known level, NaN elsewhere.
+    """Return the absolute phase difference of the pixels that lie on a known level, NaN elsewhere.
 
     Parameters
     ----------
-    step_rad
+    difference_rad
         Phase over the plate's, rad, any multiple of 2 pi away from the truth, (H, W).
     valid
         Where it is known, (H, W).
     predicted_rad
-        Absolute phase step of each level at every pixel, (levels, H, W).
+        Absolute phase difference of each level at every pixel, (levels, H, W).
     rules
         When a pixel lies on a level.
     """
-    nearest = np.zeros(step_rad.shape, np.int32)
-    best = _distance(step_rad, 0.0)
-    second = np.full(step_rad.shape, np.inf)
+    nearest = np.zeros(difference_rad.shape, np.int32)
+    best = _distance(difference_rad, 0.0)
+    second = np.full(difference_rad.shape, np.inf)
     for number, predicted in enumerate(predicted_rad, start=1):
-        distance = _distance(step_rad, predicted)
+        distance = _distance(difference_rad, predicted)
         closer = distance < best
         second = np.where(closer, best, np.minimum(second, distance))
         nearest[closer], best = number, np.minimum(best, distance)
     sure = valid & (best < rules.reach_rad) & (second - best > rules.lead_rad)
-    result = np.full(step_rad.shape, np.nan)
+    result = np.full(difference_rad.shape, np.nan)
     for number, predicted in enumerate(predicted_rad, start=1):
         inside = _large_pieces(sure & (nearest == number), rules)
-        result[inside] = predicted[inside] + wrap(step_rad[inside] - predicted[inside])
+        result[inside] = predicted[inside] + wrap(difference_rad[inside] - predicted[inside])
     return result
 
 
-def _distance(step_rad: Array, predicted_rad: Array | float) -> Array:
-    return np.abs(wrap(np.nan_to_num(step_rad) - predicted_rad))
+def _distance(difference_rad: Array, predicted_rad: Array | float) -> Array:
+    return np.abs(wrap(np.nan_to_num(difference_rad) - predicted_rad))
 
 
 def _large_pieces(inside: NDArray[np.bool_], rules: LevelRules) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ class ObjectPhase:
 
     Parameters
     ----------
-    step_rad
+    difference_rad
         Phase over the plate's at the same pixel, rad, (H, W); NaN where it is not known.
     sigma_rad
         Its random standard uncertainty, rad, (H, W).
@@ -34,7 +34,7 @@ class ObjectPhase:
         Number of connected pieces whose order is open.
     """
 
-    step_rad: NDArray[np.floating]
+    difference_rad: NDArray[np.floating]
     sigma_rad: NDArray[np.floating]
     reasons: NDArray[np.uint8]
     undecided_pieces: int
@@ -88,16 +88,16 @@ def absolute_phase(
         rising=_rising(calibration),
         range_turns=_range_turns(calibration, height_range_mm, cycle),
     )
-    step = pieces.step_rad if known is None else np.where(np.isfinite(known), known, pieces.step_rad)
+    step = pieces.difference_rad if known is None else np.where(np.isfinite(known), known, pieces.difference_rad)
     reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
     sigma = phase_map.sigma
     return ObjectPhase(step, sigma, reasons, len(pieces.undecided))
 
 
-def _in_cycles(step_rad: NDArray[np.float32], cycle: int) -> Unwrapped:
-    """Find what hangs together; pixels beside edges belong to no piece and keep their step."""
-    found = pieces_in_cycles(step_rad, cycle)
-    return Unwrapped(np.where(found.pieces > 0, found.phase, step_rad), found.pieces)
+def _in_cycles(difference_rad: NDArray[np.float32], cycle: int) -> Unwrapped:
+    """Find what is connected; pixels beside edges belong to no piece and keep their step."""
+    found = pieces_in_cycles(difference_rad, cycle)
+    return Unwrapped(np.where(found.pieces > 0, found.phase, difference_rad), found.pieces)
 
 
 def _steps_at_centre(calibration: RigCalibration, heights_mm: tuple[float, ...]) -> Array:
@@ -110,7 +110,7 @@ def _steps_at_centre(calibration: RigCalibration, heights_mm: tuple[float, ...])
 
 
 def _rising(calibration: RigCalibration) -> int:
-    """Return the sign of the phase step of what stands on the plate."""
+    """Return the sign of the phase difference of what stands on the plate."""
     return int(np.sign(_steps_at_centre(calibration, (1.0,))[0]))
 
 
@@ -144,8 +144,8 @@ def _level_steps(calibration: RigCalibration, levels: Levels) -> Array:
     return np.stack([calibration.model.phase(*rays.at(z), np.full(plate.shape, z)) - plate for z in levels.heights_mm])
 
 
-def _heights_at(calibration: RigCalibration, step_rad: Array, pixels: NDArray[np.intp]) -> Array:
-    """Heights of phase steps over the plate at some pixels."""
+def _heights_at(calibration: RigCalibration, difference_rad: Array, pixels: NDArray[np.intp]) -> Array:
+    """Heights of phase differences to the plate at some pixels."""
     v, u = np.divmod(pixels, calibration.camera.width_px)
     rays = calibration.camera.rays(u, v)
-    return calibration.model.height(step_rad + calibration.model.phase(rays.ax, rays.ay, 0.0), rays)
+    return calibration.model.height(difference_rad + calibration.model.phase(rays.ax, rays.ay, 0.0), rays)

@@ -11,7 +11,7 @@ from fringecal.projector import RigCalibration, height_model
 from fringecal.reconstruct.height_kernels import Maps, surface_rows
 from fringecal.reconstruct.height_map import HeightMap, Reason
 from fringecal.reconstruct.object_phase import ObjectPhase, absolute_phase
-from fringecal.reconstruct.row_rays import doubt_rows, rig_rows
+from fringecal.reconstruct.row_rays import rig_rows, uncertainty_rows
 from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivities
 
 Array = NDArray[np.float64]
@@ -78,11 +78,11 @@ def height_of_phase(
     rows = rig_rows(calibration) if model == "projective" else None
     if rows is None:
         return _by_maps(phase, calibration, systematic, model, height_range_mm)
-    shape = phase.step_rad.shape
+    shape = phase.difference_rad.shape
     x, y, z, u_z, u_random = (allocate(shape, dtype) for _ in range(5))
     maps = Maps(x, y, z, u_z, u_random, phase.reasons.copy())
-    doubt = doubt_rows(systematic, calibration.excess_rad, height_range_mm)
-    surface_rows(phase.step_rad, phase.sigma_rad, rows, doubt, maps)
+    uncertainty = uncertainty_rows(systematic, calibration.excess_rad, height_range_mm)
+    surface_rows(phase.difference_rad, phase.sigma_rad, rows, uncertainty, maps)
     return HeightMap(x, y, z, u_z, u_random, systematic, maps.reasons)
 
 
@@ -91,7 +91,7 @@ def _by_maps(
 ) -> HeightMap:
     """Compute the surface with any height model, one whole map after the other."""
     rays = calibration.camera.pixel_rays()
-    absolute = phase.step_rad + calibration.model.phase(rays.ax, rays.ay, 0.0)
+    absolute = phase.difference_rad + calibration.model.phase(rays.ax, rays.ay, 0.0)
     height = height_model(calibration, model).height
     z = height(absolute, rays)
     reasons = phase.reasons.copy()
@@ -109,8 +109,8 @@ def _by_maps(
 
 def _range_of(phase: ObjectPhase, calibration: RigCalibration, model: str) -> tuple[float, float]:
     """Heights between which nearly all of a surface lies, from a sparse sample."""
-    v, u = (np.arange(0, n, max(1, n // _SAMPLE)) for n in phase.step_rad.shape)
-    step = phase.step_rad[np.ix_(v, u)]
+    v, u = (np.arange(0, n, max(1, n // _SAMPLE)) for n in phase.difference_rad.shape)
+    step = phase.difference_rad[np.ix_(v, u)]
     rays = calibration.camera.rays(*np.meshgrid(u, v))
     z = height_model(calibration, model).height(step + calibration.model.phase(rays.ax, rays.ay, 0.0), rays)
     known = z[np.isfinite(z)]

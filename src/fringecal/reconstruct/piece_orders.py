@@ -55,17 +55,17 @@ class PieceRules:
 PIECE_RULES = PieceRules()
 
 HeightOf = Callable[[Array, NDArray[np.intp]], Array]
-"""Heights (mm) of phase steps (rad) at flat pixel indices."""
+"""Heights (mm) of phase differences (rad) at flat pixel indices."""
 
 
 @dataclass(frozen=True)
 class PieceOrders:
-    """Absolute phase step over the plate (rad, NaN where undecided) and what was decided for each piece.
+    """Absolute phase difference to the plate (rad, NaN where undecided) and what was decided for each piece.
 
     `orders` maps piece number to the multiple of 2 pi that was added, None where nothing decided it.
     """
 
-    step_rad: Array
+    difference_rad: Array
     orders: dict[int, int | None]
 
     @property
@@ -75,7 +75,7 @@ class PieceOrders:
 
 
 def decide_pieces(
-    step_rad: Array,
+    difference_rad: Array,
     pieces: NDArray[np.integer],
     *,
     height_of: HeightOf | None = None,
@@ -90,13 +90,13 @@ def decide_pieces(
 
     Parameters
     ----------
-    step_rad
+    difference_rad
         Unwrapped phase over the plate's, continuous within a piece, shape (H, W).
     pieces
         Piece numbers from 1; 0 is masked.
     height_of, height_range_mm
-        Heights of phase steps, and the heights an object can have: decides a piece without plate pixels if exactly
-        one order fits.
+        Heights of phase differences, and the heights an object can have: decides a piece without plate pixels if
+        exactly one order fits.
     tops_mm
         Known heights of tops, as of balls: decide a piece without plate pixels if exactly one order brings its
         highest point to one.
@@ -109,23 +109,23 @@ def decide_pieces(
     """
     number = int(pieces.max(initial=0))
     turn = TURN * fringes_per_turn
-    levels, counts, sizes = _plate_votes(step_rad, pieces, number, turn, rules.plate_pixels)
+    levels, counts, sizes = _plate_votes(difference_rad, pieces, number, turn, rules.plate_pixels)
     orders: dict[int, int | None] = {}
     for piece in (np.flatnonzero(sizes[1:]) + 1).tolist():
         enough = max(rules.plate_pixels, min(rules.many_pixels, int(rules.plate_share * sizes[piece])))
         orders[piece] = -int(levels[piece]) if counts[piece] >= enough else None
     below = max(rules.below, -range_turns[0])
     fits = fringes_per_turn > 1 and range_turns[1] + below <= 1
-    if fits and not _leaves_cycle(step_rad, pieces, orders, rising * turn, below, rules.plate_pixels):
-        return PieceOrders(_in_cycle(step_rad, rising * turn, below), dict.fromkeys(orders, 0))
+    if fits and not _leaves_cycle(difference_rad, pieces, orders, rising * turn, below, rules.plate_pixels):
+        return PieceOrders(_in_cycle(difference_rad, rising * turn, below), dict.fromkeys(orders, 0))
     if height_of is not None and height_range_mm is not None:
         for piece, pixels in _pixels_of(pieces, [p for p, order in orders.items() if order is None]):
-            orders[piece] = _order_by_height(step_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
+            orders[piece] = _order_by_height(difference_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
     turns = np.full(number + 1, np.nan)
     for piece, order in orders.items():
         turns[piece] = np.nan if order is None else turn * order
-    result = np.empty(step_rad.shape)
-    _add_turns(step_rad, pieces, turns, result)
+    result = np.empty(difference_rad.shape)
+    _add_turns(difference_rad, pieces, turns, result)
     return PieceOrders(result, orders)
 
 
@@ -200,7 +200,7 @@ def _pixels_of(pieces: NDArray[np.integer], wanted: list[int]) -> Iterator[tuple
 def _leaves_cycle(
     step: Array, pieces: NDArray[np.integer], orders: dict[int, int | None], turn: float, below: float, most: int
 ) -> bool:
-    """Tell whether more than so many pixels of what hangs together with the plate lie beyond the cycle about it."""
+    """Return whether more than so many pixels of what is connected with the plate lie beyond the cycle about it."""
     decided = {piece: order for piece, order in orders.items() if order is not None}
     for piece, pixels in _pixels_of(pieces, list(decided)):
         cycles = step.ravel()[pixels] / turn + np.sign(turn) * decided[piece]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fringecal.camera import PlateCamera
 from fringecal.projector import PlateResidual, RigCalibration
-from fringecal.reconstruct.height_kernels import Doubt, Rig
+from fringecal.reconstruct.height_kernels import Rig, UncertaintyRows
 from fringecal.reconstruct.height_map import Reason
 from fringecal.reconstruct.sensitivity import Sensitivities
 
@@ -114,7 +114,9 @@ def _residual_powers(residual: PlateResidual) -> Array:
     return np.ascontiguousarray(powers @ residual.grid @ powers.T)
 
 
-def doubt_rows(systematic: Sensitivities, excess_rad: float, height_range_mm: tuple[float, float] | None) -> Doubt:
+def uncertainty_rows(
+    systematic: Sensitivities, excess_rad: float, height_range_mm: tuple[float, float] | None
+) -> UncertaintyRows:
     """Return the systematic uncertainty as the arrays that the kernels take.
 
     Parameters
@@ -128,7 +130,7 @@ def doubt_rows(systematic: Sensitivities, excess_rad: float, height_range_mm: tu
     """
     low, high = height_range_mm or (-np.inf, np.inf)
     z_low, z_high = systematic.z_range_mm
-    return Doubt(
+    return UncertaintyRows(
         _variance_rows(systematic),
         (z_low + z_high) / 2,
         (z_high - z_low) / 2,

@@ -148,7 +148,7 @@ class PlateResidual(Part):
 
 
 class ModeRecord(Part):
-    """One cause of doubt: what one standard uncertainty of it does to camera, rig and plate residual.
+    """One uncertainty component: what one standard uncertainty of it does to camera, rig and plate residual.
 
     `effect` runs over the camera's parameters, the rig's, then the plate residual's coefficients; the joint
     covariance of all of them is the sum over the modes of effect times effect transposed.

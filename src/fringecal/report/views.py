@@ -11,7 +11,7 @@ import pandas as pd
 
 from fringecal.report.structure import DOF, DOUBT, FigureItem, Report, Table
 from fringecal.report.style import RC
-from fringecal.uncertainty import dof_text, doubt_text, value_text
+from fringecal.uncertainty import dof_text, uncertainty_text, value_text
 
 # Word and sign: no reader has to tell a verdict by its colour alone.
 DECISIONS = {
@@ -101,7 +101,7 @@ def _format_value(value: Hashable, specification: str | None, doubt: float | Non
 
 def _number_text(value: float, specification: str, doubt: float | None) -> str:
     if specification == DOUBT:
-        return doubt_text(value)
+        return uncertainty_text(value)
     if specification == DOF:
         return dof_text(value)
     if specification == "d":

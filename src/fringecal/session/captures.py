@@ -63,8 +63,8 @@ class Capture:
         As in `session.toml`; `target` is None where the kind needs none.
     paths, sha256
         Files in the order repeat, period, step (the step changes fastest), and their hashes.
-    steps_rad
-        Phase steps of one set; empty for pictures that are not phase-shifted.
+    phase_shifts_rad
+        Phase shifts of one set; empty for pictures that are not phase-shifted.
     repeat, periods
         How often the whole set was taken; fringe periods, empty where not stated.
     gray_paths, gray_sha256
@@ -87,7 +87,7 @@ class Capture:
     target: Target | None
     paths: tuple[Path, ...]
     sha256: tuple[str, ...]
-    steps_rad: tuple[float, ...]
+    phase_shifts_rad: tuple[float, ...]
     shape: tuple[int, int]
     bits: int
     white_level: int
@@ -156,8 +156,8 @@ class Session:
         As in `session.toml`; what is not stated is None.
     camera, projector
         What is known beforehand; `projector` is None where nothing is.
-    steps_rad
-        Phase steps that hold unless a capture has its own; empty where not stated.
+    phase_shifts_rad
+        Phase shifts that hold unless a capture has its own; empty where not stated.
     captures
         By name, in the order of the file.
     inputs
@@ -169,7 +169,7 @@ class Session:
     captured: datetime
     camera: CameraKnown
     projector: ProjectorKnown | None
-    steps_rad: tuple[float, ...]
+    phase_shifts_rad: tuple[float, ...]
     captures: dict[str, Capture]
     inputs: dict[str, str]
     operator: str | None = None

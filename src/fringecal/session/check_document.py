@@ -92,7 +92,7 @@ def _capture_row(capture: Capture, check: SessionCheck) -> CaptureRow:
         bits=capture.bits,
         white_level=capture.white_level,
         channel=capture.channel,
-        steps_deg=[round(math.degrees(step), 9) for step in capture.steps_rad],
+        steps_deg=[round(math.degrees(step), 9) for step in capture.phase_shifts_rad],
         periods=list(capture.periods),
         repeat=capture.repeat,
         images=rows(capture.paths, capture.sha256),

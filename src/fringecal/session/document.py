@@ -77,7 +77,7 @@ def _demand_point(key: str, place: Quantity) -> None:
 
 
 class PhaseTable(_Table):
-    """Phase steps that hold for every phase-shifted capture that states none of its own."""
+    """Phase shifts that hold for every phase-shifted capture that states none of its own."""
 
     steps_deg: list[FiniteFloat]
 

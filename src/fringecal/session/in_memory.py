@@ -83,7 +83,7 @@ def capture_of_arrays(  # noqa: PLR0913 -- as many as a capture states
         target=target,
         paths=_names(name, len(pixels)),
         sha256=hashes,
-        steps_rad=tuple(math.radians(shift) for shift in phase_shifts_deg),
+        phase_shifts_rad=tuple(math.radians(shift) for shift in phase_shifts_deg),
         shape=(pixels.shape[1], pixels.shape[2]),
         bits=8 * pixels.dtype.itemsize,
         white_level=_WHITE_LEVELS[pixels.dtype.name] if white_level is None else white_level,
@@ -143,7 +143,7 @@ def session_of_captures(
         captured=captured or datetime.now(UTC),
         camera=camera or CameraKnown(),
         projector=projector,
-        steps_rad=(),
+        phase_shifts_rad=(),
         captures=named,
         inputs=inputs,
     )

@@ -57,7 +57,7 @@ _NEEDED = {
     "kind": "write one of grid, board, reference, strips, artefact, object",
     "images": 'list the files, for example images = ["strips-*.png"]',
     "target": 'write the name of a target or a path to one, for example target = "grid-10mm"',
-    "steps_deg": "list the phase steps in degrees in file order, for example [0.0, 120.0, 240.0]",
+    "steps_deg": "list the phase shifts in degrees in file order, for example [0.0, 120.0, 240.0]",
     "position_mm": "write position_mm = { value = [x, y, z], u = [ux, uy, uz] }",
     "point_mm": "write point_mm = { value = [x, y, z], u = [ux, uy, uz] }, any point of the mirror",
     "normal": "write normal = [nx, ny, nz], the direction across the mirror",

@@ -40,7 +40,7 @@ def steps_stated_faults(draft: Draft, *, is_phase_sound: bool) -> Iterator[Fault
         yield from step_faults(draft.table.steps_deg, where)
     elif draft.steps_deg is None and is_phase_sound and not draft.broken & {"kind", "steps_deg"}:
         remedy = "write [phase] steps_deg = [0.0, 120.0, 240.0], or steps_deg = [] for pictures without"
-        yield Fault(where, "no phase steps are stated", remedy)
+        yield Fault(where, "no phase shifts are stated", remedy)
 
 
 def step_faults(steps_deg: Sequence[float], where: str) -> Iterator[Fault]:
@@ -49,12 +49,14 @@ def step_faults(steps_deg: Sequence[float], where: str) -> Iterator[Fault]:
     if 0 < len(distinct) < 3:
         yield Fault(
             where,
-            f"{len(distinct)} distinct step(s) modulo 360 deg in {list(steps_deg)}, needed 3 or more",
-            "state the steps that were taken, or steps_deg = [] for pictures without phase shifting",
+            f"{len(distinct)} distinct phase shift(s) modulo 360 deg in {list(steps_deg)}, needed 3 or more",
+            "state the phase shifts that were used, or steps_deg = [] for pictures without phase shifting",
         )
     twice = [step for step, n in Counter(steps_deg).items() if n > 1]
     if twice:
-        yield Fault(where, f"the step {joined(twice)} deg is listed more than once", "state each step once")
+        yield Fault(
+            where, f"the phase shift {joined(twice)} deg is listed more than once", "state each phase shift once"
+        )
 
 
 def _modulo_turn(step_deg: float) -> float:
@@ -68,7 +70,7 @@ def turn_notes(steps_deg: Sequence[float], where: str) -> Iterator[str]:
         by_turn[_modulo_turn(step)].append(step)
     for equal in by_turn.values():
         if len(equal) > 1:
-            yield f"{where}: the steps {joined(equal)} deg are equal modulo 360 deg"
+            yield f"{where}: the phase shifts {joined(equal)} deg are equal modulo 360 deg"
 
 
 def step_notes(draft: Draft, phase_deg: Sequence[float] | None) -> Iterator[str]:
@@ -100,7 +102,7 @@ def _count_faults(draft: Draft, n_steps: int) -> Iterator[Fault]:
         return
     yield Fault(
         f"{draft.label}: images",
-        f"{found} images, needed {needed}: {n_steps or 1} step(s) x {n_periods} period(s), {repeat} time(s)",
+        f"{found} images, needed {needed}: {n_steps or 1} phase shift(s) x {n_periods} period(s), {repeat} time(s)",
         (f"state repeat = {found // group} if the set was repeated, or " if found % group == 0 else "")
         + "correct the list of images or the steps",
     )

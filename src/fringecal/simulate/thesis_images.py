@@ -65,7 +65,7 @@ def analytic_images(
     *,
     angle_deg: float,
     pitch_px: float = 20.0,
-    steps_rad: Sequence[float] = THIRDS_RAD,
+    phase_shifts_rad: Sequence[float] = THIRDS_RAD,
 ) -> AnalyticImages:
     """Draw the cosine images of a surface under collimated fringes that run along the rows.
 
@@ -77,8 +77,8 @@ def analytic_images(
         Projection angle from the plate's normal; the thesis drew 45 and 50.7 deg.
     pitch_px
         Period of the fringes on the background, along the columns.
-    steps_rad
-        Phase steps.
+    phase_shifts_rad
+        Phase shifts.
 
     Returns
     -------
@@ -98,5 +98,5 @@ def analytic_images(
     z = np.asarray(z_px, float)
     y = (z.shape[0] - 1) / 2 - np.arange(z.shape[0])[:, None]
     phase = 2 * np.pi / pitch_px * (y - z * np.tan(np.radians(angle_deg)))
-    steps = np.asarray(steps_rad, float)[:, None, None]
+    steps = np.asarray(phase_shifts_rad, float)[:, None, None]
     return AnalyticImages(AMPLITUDE * (1 + np.cos(phase + steps)), z, phase)

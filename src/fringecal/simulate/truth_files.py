@@ -10,7 +10,7 @@ import numpy as np
 from fringecal.simulate.rig.rig_spec import RigSpec
 from fringecal.simulate.rig.truth import apparent_angle_deg, lens_shift_at_point_px, projection_angle_deg, truth_of
 from fringecal.simulate.scene.capture_scenes import capture_scene, field_mm, stated_target
-from fringecal.simulate.tracing.ray_tracer import Frames, plate_points, true_steps_rad
+from fringecal.simulate.tracing.ray_tracer import Frames, plate_points, true_phase_shifts_rad
 
 # Places along x and y at which the true projection angle is written, mm.
 ANGLE_POINTS_MM = (-80, -40, 0, 40, 80)
@@ -30,14 +30,14 @@ def truth_document(rig: RigSpec, taken: Mapping[str, Frames], *, seed: int = 0) 
     Keys: scale_h, scale_v (mm/px at the image centre); k1, verdict, distortion_at_corner_px (at the
     printed grid's corner, else at the picture's); angle_origin_deg, angle_x, angle_y (projection angle
     in deg at points of both axes, mm); apparent_x, apparent_y (what breaks show there); projector,
-    camera (mm); grid_pitch; zmax (mm, of each artefact); rig_parameters; steps_rad (true, with their
+    camera (mm); grid_pitch; zmax (mm, of each artefact); rig_parameters; steps_rad (true phase shifts, with their
     slopes per px); rig (all of its numbers) and seed.
     """
     truth, size = truth_of(rig), np.array(field_mm(rig))
     grid = _grid_facts(rig)
     k1 = rig.camera.distortion[0]
     corner = grid["corner"] if grid else (size[0] / 2, size[1] / 2)
-    steps = true_steps_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
+    steps = true_phase_shifts_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
     document: dict[str, Any] = {
         "name": rig.name,
         "scale_h": truth.scale_h,

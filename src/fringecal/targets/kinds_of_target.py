@@ -67,7 +67,7 @@ class LineGrid(Artefact):
     @classmethod
     def _heavy_has_period(cls, width: Scalar | None, info: ValidationInfo) -> Scalar | None:
         if width is not None and "heavy_every" in info.data and info.data["heavy_every"] is None:
-            raise ValueError("heavy_width_mm without heavy_every; say which lines are heavy, or leave both out")
+            raise ValueError("heavy_width_mm without heavy_every; state which lines are heavy, or leave both out")
         return width
 
 

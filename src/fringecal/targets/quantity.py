@@ -48,7 +48,7 @@ def _scaled(given: object, factor: float) -> float | tuple[float, ...]:
 def _with_u(given: Mapping[str, Any]) -> dict[str, Any]:
     stated = dict(given)
     if "half_width" in stated and "u" in stated:
-        raise ValueError("u and half_width state one fact twice; keep one of them")
+        raise ValueError("u and half_width state one thing twice; keep one of them")
     if "half_width" in stated:
         distribution = stated.pop("distribution", None)
         if distribution not in HALF_WIDTH_TO_U:

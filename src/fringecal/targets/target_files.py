@@ -138,7 +138,7 @@ def _fault(found: Mapping[str, Any], fields: list[str]) -> str:
 
 def _how_to_state(key: str) -> str:
     if key == "certificate":
-        return 'say where the numbers come from, or "nominal, not calibrated"'
+        return 'state where the numbers come from, or "nominal, not calibrated"'
     if key.endswith(("_mm", "_deg")) or key in QUANTITY_KEYS:
         return HOW_TO_STATE
     return "every target of this kind needs it"

@@ -1,6 +1,6 @@
 """The thesis's simulation by formula (its section 4.2): three cosine images of a rectangle and of a zig-zag, read back.
 
-Collimated fringes on an ideal picture: what the phase step alone does to a height, before any rig, lens or light.
+Collimated fringes on an ideal picture: what the phase shift alone does to a height, before any rig, lens or light.
 """
 
 from collections.abc import Iterator

@@ -47,7 +47,7 @@ from .rounding import (
     dof_text as dof_text,
 )
 from .rounding import (
-    doubt_text as doubt_text,
+    uncertainty_text as uncertainty_text,
 )
 from .rounding import (
     value_text as value_text,

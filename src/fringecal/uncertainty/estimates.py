@@ -1,4 +1,4 @@
-"""An estimate: a value that never travels without its doubt."""
+"""An estimate: a value with its uncertainty."""
 
 import math
 from dataclasses import dataclass

@@ -48,12 +48,12 @@ def value_text(value: float, u: float | None, *, sign: bool = False, otherwise: 
     return text if any(digit in text for digit in "123456789") else text.lstrip("+-")
 
 
-def doubt_text(u: float) -> str:
+def uncertainty_text(u: float) -> str:
     """Print an uncertainty to two significant digits, as `value_text` prints the value that it belongs to.
 
     Examples
     --------
-    >>> [doubt_text(u) for u in (0.08696, 0.0996, 5.04, 123.4, 2.04e-13, 0.0)]
+    >>> [uncertainty_text(u) for u in (0.08696, 0.0996, 5.04, 123.4, 2.04e-13, 0.0)]
     ['0.087', '0.10', '5.0', '120', '2.0e-13', '0']
     """
     if u == 0:

@@ -46,7 +46,7 @@ def check_points(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: flo
     return table
 
 
-def cost_of_neglect_px(test: DistortionTest) -> Array:
+def effect_of_neglect_px(test: DistortionTest) -> Array:
     """Distance (n,), px, of every crossing from the best plane view: its error if the lens is neglected.
 
     The plane view is fitted to all crossings and takes its share of the distortion up in scale and tilt, as any

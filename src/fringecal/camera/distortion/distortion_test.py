@@ -148,7 +148,9 @@ def examine_distortion(
     if not 1 <= terms <= MAX_TERMS:
         raise FitError(f"{terms} radial terms asked for; 1 to {MAX_TERMS} are possible")
     if len(detection.row) < MIN_CROSSINGS:
-        raise FitError(f"{len(detection.row)} crossings do not tell distortion from noise; {MIN_CROSSINGS} needed")
+        raise FitError(
+            f"{len(detection.row)} crossings do not distinguish distortion from noise; {MIN_CROSSINGS} needed"
+        )
     asked = _Question(
         POSE if perspective else frozenset(),
         frozenset(f"k{n + 1}" for n in range(terms)),
@@ -200,7 +202,7 @@ def _answer(crossings: Crossings, asked: _Question) -> _Answer:
 
 
 def _is_strong(crossings: Crossings, free: frozenset[str]) -> bool:
-    """Tell whether the lens moves the outermost crossing by a large part of its radius."""
+    """Return whether the lens moves the outermost crossing by a large part of its radius."""
     lens = fit_lens_on_grid(crossings, free, inverse=True).lens
     outermost = _outermost(crossings, lens)
     return abs(float(lens.outward_px(outermost)[0])) > STRONG * float(np.hypot(*(outermost[0] - lens.centre_px)))

@@ -94,5 +94,5 @@ def _zero_bow(detection: GridDetection, family: Family) -> float:
         bows.append(bow / half**2)
     slope, offset = np.polyfit(places, bows, 1) if len(places) > MIN_POINTS else (0.0, 0.0)
     if slope == 0.0:
-        raise DetectionError(f"the {family} lines have no bow that changes across the picture: no centre")
+        raise DetectionError(f"the {family} lines have no curvature that varies over the picture: no centre")
     return float(-offset / slope)

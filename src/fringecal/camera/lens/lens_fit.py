@@ -161,7 +161,7 @@ def fit_lens(
     # A bow belongs to one board; views of differently cut grids do not share their points.
     one_board = len({view.points_px.shape for view in views}) == 1
     way = Way(use_mrcal, model, radial_terms, flat_board or not one_board)
-    solved, dropped = _without_strangers(views, shape, way)
+    solved, dropped = _without_disagreeing_views(views, shape, way)
     halves = _halves([view for k, view in enumerate(views) if k not in dropped], shape, way)
     inflation = math.hypot(1.0 if halves is None else _inflation(*halves), _left_over(solved))
     lens = replace(solved.lens, covariance=inflation**2 * solved.lens.covariance)
@@ -183,7 +183,7 @@ def fit_lens(
 def _demand(views: Sequence[BoardView]) -> None:
     if len(views) < MIN_VIEWS:
         raise FitError(
-            f"{len(views)} view(s) of a board: focal length and distance cannot be told apart from one square-on "
+            f"{len(views)} view(s) of a board: focal length and distance cannot be distinguished from one square-on "
             f"grid, and hardly from two; photograph the board in at least {MIN_VIEWS} poses, tilted 20 to 40 degrees "
             "to different sides"
         )
@@ -195,7 +195,7 @@ def _demand(views: Sequence[BoardView]) -> None:
             raise FitError(f"view {k} holds {count} points of the board; {MIN_POINTS} are needed")
 
 
-def _without_strangers(
+def _without_disagreeing_views(
     views: Sequence[BoardView], shape: tuple[int, int], way: Way
 ) -> tuple[SolvedLens, tuple[int, ...]]:
     """Solve, leave out the views of which less than half agrees with the rest, and solve again."""

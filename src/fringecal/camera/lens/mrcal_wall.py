@@ -44,7 +44,7 @@ class MrcalSolution:
 
 
 def available() -> bool:
-    """Tell whether mrcal is installed."""
+    """Return whether mrcal is installed."""
     return importlib.util.find_spec("mrcal") is not None
 
 

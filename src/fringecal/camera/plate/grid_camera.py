@@ -81,7 +81,7 @@ def camera_height(fit: CameraFit) -> Estimate:
 
 
 def _explains_more(plain: CameraFit, richer: CameraFit) -> bool:
-    """Tell whether the richer fit's residual is smaller than its further terms explain by chance.
+    """Return whether the richer fit's residual is smaller than its further terms explain by chance.
 
     A sheet whose lines bend counts as a residual: what a richer lens explains need not be put on the sheet.
     """

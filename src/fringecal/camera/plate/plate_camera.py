@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 CAMERA_NAMES = (
     "scale_mm_per_px",  # plate millimetres per pixel on the principal ray, across the optical axis
     "aspect",  # scale along v over scale along u: 1 for square pixels
-    "tilt_x_rad",  # the optical axis leans from the plate's normal toward +x ...
+    "tilt_x_rad",  # the optical axis is tilted from the plate's normal toward +x ...
     "tilt_y_rad",  # ... and toward +y
     "k1",  # Brown's distortion in normalised coordinates, as in OpenCV
     "k2",

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
-from fringecal.camera.plate.plate_problem import LEANING_RAD, Problem, camera_of, lens_of, lens_rows
+from fringecal.camera.plate.plate_problem import TELECENTRIC_TILT_RAD, Problem, camera_of, lens_of, lens_rows
 from fringecal.camera.plate.plate_solve import Solution
 from fringecal.uncertainty import Influence, UncertaintyComponent
 
@@ -28,7 +28,7 @@ def stated_components(problem: Problem, solution: Solution, dof: float) -> tuple
     if problem.height is not None and height in free:
         stated = _unit_row(solution.vector.size, free.index(height)) / problem.height_u_mm
         rows[Influence.CAMERA_HEIGHT] = stated
-    for place, u in problem.doubts.items():
+    for place, u in problem.u_of_zero.items():
         rows[_STATED[CAMERA_NAMES[free[place]]]] = _unit_row(solution.vector.size, place) / u
     found = [UncertaintyComponent(influence, _effect(row, free, solution), dof) for influence, row in rows.items()]
     axes = enumerate(_lens_rows(problem, solution), start=1)
@@ -40,7 +40,7 @@ def tilt_components(camera: PlateCamera, dof: float) -> tuple[UncertaintyCompone
     """Return what the tilt of parallel rays does to a camera that counts as square on the plate."""
     if not camera.telecentric:
         return ()
-    units = np.eye(len(CAMERA_NAMES)) * LEANING_RAD
+    units = np.eye(len(CAMERA_NAMES)) * TELECENTRIC_TILT_RAD
     return tuple(
         UncertaintyComponent(influence, units[CAMERA_NAMES.index(name)], dof) for name, influence in _TILTS.items()
     )

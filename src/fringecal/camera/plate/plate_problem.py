@@ -22,16 +22,18 @@ _PLACING_REL_U = 2e-6
 #: hardly tells; left out, it would turn every line of sight by 1/4 deg unnoticed, and the projection angle with it.
 _CENTRING_SHARE = 0.01
 _CENTRING = ("cu_px", "cv_px")
-#: How far parallel rays lean from the plate's normal. Their picture of a grid is stretched and sheared by the square of
+#: How far parallel rays tilt from the plate's normal. Their picture of a grid is stretched and sheared by the square of
 #: it, which says nothing of the direction: the camera counts as square on the plate, and heights are the same; but the
 #: projection angle is measured from the normal.
-LEANING_RAD = math.radians(1.0)
+TELECENTRIC_TILT_RAD = math.radians(1.0)
 #: How far lines may be out of place at half a diagonal from the image centre: lines nearly along the pixels, of a pitch
 #: near a whole number of them, are placed with an error that walks slowly over the picture (0.005 px on drawn pictures,
 #: 0.02 px at most), and no paper lies flatter. Left out, a long lens takes it for tilt.
 _BEND_U_PX = 0.005
 _BENDS = 7  # a shear; u^2, uv, v^2 in either coordinate
-_FREE_PX = 100.0  # the shear that parallel rays make where they lean: no observation beside crossings known to 0.05 px
+_FREE_PX = (
+    100.0  # the shear that parallel rays make where they are tilted: no observation beside crossings known to 0.05 px
+)
 _LEAST_HEIGHT_U_MM = 1e-6  # of a height that is stated as exact: a division needs one
 _GUESS_HEIGHT_MM = 1000.0  # where the lens and the grid's scale tell it: only what the solver starts from
 _WORST_START = 0.2  # of the crossings' spread: a similarity leaves less of any view that can be used (tilt, lens)
@@ -100,8 +102,8 @@ class Problem:
         return u
 
     @cached_property
-    def doubts(self) -> dict[int, float]:
-        """Standard uncertainty of parameters that are taken to be nothing, by place in the vector."""
+    def u_of_zero(self) -> dict[int, float]:
+        """Standard uncertainty of parameters that are taken to be zero, by place in the vector."""
         if self.lens is not None or self.start.telecentric:
             return {}
         u = _CENTRING_SHARE * math.hypot(self.start.width_px, self.start.height_px)
@@ -191,8 +193,8 @@ def first_guess(problem: Problem) -> Array:
     residual = picture - design @ np.array([gain, shift])
     if np.std(residual) > _WORST_START * np.std(picture):
         raise FitError(
-            "The crossings and the sheet do not fit together even roughly: the index of rows or columns runs "
-            "the wrong way or slipped."
+            "The crossings and the sheet do not agree even roughly: the numbering of rows or columns has the "
+            "wrong direction or skips a line."
         )
     scale = 1 / abs(gain)
     camera = problem.start.parameters.copy()
@@ -250,7 +252,7 @@ def residuals(problem: Problem, vector: Array, keep: NDArray[np.bool_], factor: 
     sigma = problem.sigma[keep] * factor
     rows = [du[keep] / sigma, dv[keep] / sigma, bends_of(problem, vector)]
     rows.append(np.atleast_1d(vector[problem.stretch_place] / problem.stretch_u))
-    rows += [np.atleast_1d(vector[i] / u) for i, u in problem.doubts.items()]
+    rows += [np.atleast_1d(vector[i] / u) for i, u in problem.u_of_zero.items()]
     camera = camera_of(problem, vector)
     if problem.height is not None:
         rows.append(np.atleast_1d((camera["height_mm"] - problem.height.value) / problem.height_u_mm))

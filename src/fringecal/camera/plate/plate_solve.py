@@ -76,7 +76,7 @@ def _solve(problem: Problem, start: Array, keep: NDArray[np.bool_], factor: floa
     _, singular, right = np.linalg.svd(jacobian * unit, full_matrices=False)
     if singular[-1] < _LEAST_SINGULAR * singular[0]:
         raise FitError(
-            "The grid does not determine the camera: two of its parameters cannot be told apart. Photograph a "
+            "The grid does not determine the camera: two of its parameters cannot be distinguished. Photograph a "
             "larger part of the grid, or state the lens."
         )
     covariance = (right.T / singular**2) @ right * np.outer(unit, unit)
@@ -99,7 +99,7 @@ def solve_robustly(
         if np.count_nonzero(keep) < max(MIN_CROSSINGS, _LEAST_AGREEING * keep.size):
             raise FitError(
                 f"Only {np.count_nonzero(keep)} of {keep.size} crossings agree with one flat sheet seen by one "
-                "camera: the sheet is bent, or lines were mistaken."
+                "camera: the sheet is not flat, or lines were confused."
             )
         spread = np.concatenate([du[keep], dv[keep]]) / np.tile(problem.sigma[keep], 2)
         factor = math.sqrt(np.sum(spread**2) / max(1, spread.size - solution.vector.size))

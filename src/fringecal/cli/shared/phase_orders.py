@@ -44,7 +44,7 @@ def summarised(group: Group) -> list[PhaseSummary]:
 
 def _summary(one: PhaseSet, main: PhaseSummary | None = None) -> PhaseSummary:
     wave = None if main is None else main.wave
-    return named(one, summarise, one.frames, one.steps_rad, white_level=one.white_level, wave=wave)
+    return named(one, summarise, one.frames, one.phase_shifts_rad, white_level=one.white_level, wave=wave)
 
 
 def counted_orders(group: Group, summaries: list[PhaseSummary]) -> tuple[FringeOrders, AbsolutePhase]:

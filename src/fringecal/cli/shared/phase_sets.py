@@ -20,7 +20,7 @@ class PhaseSet:
 
     name: str
     frames: np.ndarray
-    steps_rad: np.ndarray
+    phase_shifts_rad: np.ndarray
     white_level: float | None
     reference: np.ndarray | None = None
     repeats: np.ndarray | None = None
@@ -45,7 +45,7 @@ class Group:
 class Stated:
     """What the command line states of pictures that belong to no session."""
 
-    steps_rad: np.ndarray
+    phase_shifts_rad: np.ndarray
     periods: tuple[float, ...] = ()
     channel: str | None = None
 
@@ -59,7 +59,7 @@ def session_groups(folder: Path, name: str | None) -> Iterator[Group]:
         No such capture, or none that is phase-shifted.
     """
     session = load_session(folder)
-    shifted = {key: one for key, one in session.captures.items() if one.steps_rad}
+    shifted = {key: one for key, one in session.captures.items() if one.phase_shifts_rad}
     if name is not None and name not in shifted:
         known = ", ".join(shifted) or "none"
         raise PhaseError(f"{folder}: no phase-shifted capture is called {name!r}; there are: {known}")
@@ -71,8 +71,10 @@ def session_groups(folder: Path, name: str | None) -> Iterator[Group]:
 
 def _reference_of(session: Session, capture: Capture) -> Capture | None:
     """Return the session's picture of the bare plate, or for a plate any other, to compare a capture with."""
-    others = [one for one in session.captures.values() if one.name != capture.name and one.steps_rad]
-    same = [one for one in others if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    others = [one for one in session.captures.values() if one.name != capture.name and one.phase_shifts_rad]
+    same = [
+        one for one in others if one.phase_shifts_rad == capture.phase_shifts_rad and one.periods == capture.periods
+    ]
     plates = [one for one in same if one.kind == "reference"]
     # A plate's own frames in another order show against anything else that the rig has taken.
     if capture.kind == "reference" and same:
@@ -99,7 +101,7 @@ def _capture_set(capture: Capture, plate: Capture | None, repeat: int, period: i
     if bare is not None and bare.shape != frames.shape:
         bare = None
     again = _repeats_of(capture, period) if repeat == 0 else None
-    return PhaseSet(name, frames, np.asarray(capture.steps_rad), capture.white_level, bare, again)
+    return PhaseSet(name, frames, np.asarray(capture.phase_shifts_rad), capture.white_level, bare, again)
 
 
 def _repeats_of(capture: Capture, period: int) -> np.ndarray | None:
@@ -139,7 +141,7 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
         A picture that cannot be read.
     """
     pictures = [read_picture(path, stated.channel) for path in paths]
-    n_steps, n_sets = len(stated.steps_rad), max(1, len(stated.periods))
+    n_steps, n_sets = len(stated.phase_shifts_rad), max(1, len(stated.periods))
     if len(paths) != n_steps * n_sets:
         names = ", ".join(path.name for path in paths[:12]) + (", ..." if len(paths) > 12 else "")
         raise PhaseError(
@@ -155,5 +157,5 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     name = paths[0].stem
     frames = np.stack(pictures).reshape(n_sets, n_steps, *pictures[0].shape)
     labels = [name + (f"-period{k + 1}" if n_sets > 1 else "") for k in range(n_sets)]
-    sets = (PhaseSet(label, part, stated.steps_rad, None) for label, part in zip(labels, frames, strict=True))
+    sets = (PhaseSet(label, part, stated.phase_shifts_rad, None) for label, part in zip(labels, frames, strict=True))
     return Group(name, tuple(sets), stated.periods)

@@ -13,7 +13,7 @@ from fringecal.cli.shared.console import console
 from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.errors import RecordError
 from fringecal.report import REPORT_FILE
-from fringecal.uncertainty import EXPANDED_BY, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 
 if TYPE_CHECKING:
     from fringecal.records import Check
@@ -75,7 +75,7 @@ def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path)
     say(f"{_VERDICTS[verdict]} ({judged} checks; {EXPANDED_BY})", style=_STYLES[verdict])
     for check in (*failed, *unproved):
         value = "" if check.value is None else f": {value_text(check.value, check.u)} {check.unit}".rstrip()
-        value += f", u {doubt_text(check.u)}" if check.u else ""
+        value += f", u {uncertainty_text(check.u)}" if check.u else ""
         limit = "" if check.limit is None else f", limit {check.limit:.4g}"
         say(
             f"check {'failed' if check.decision == 'fail' else 'not proved'}: {check.name}{value}{limit} ({check.rule})"

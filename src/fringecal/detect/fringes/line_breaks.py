@@ -32,7 +32,7 @@ _JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
 _CLEAR_SIGMAS = 5.0  # standard uncertainties of a break's shift from which it is one: relief is not normal noise
 _PARTS = 8  # of a piece, whose levels tell how well its own is known
 _LEAST_SCATTER_PX = 0.1  # of columns: no centre of a line is known better, whatever a short piece shows
-_CORRELATED = 4  # standard deviations of the smoothing over which columns hang together
+_CORRELATED = 4  # standard deviations of the smoothing over which columns is connected
 _LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
 
 
@@ -159,9 +159,9 @@ def _breaks(off: Array, pieces: list[NDArray[np.intp]]) -> list[LineBreak]:
 
 
 def _sigma(off: Array) -> float:
-    """Standard uncertainty of a piece's level: from the scatter of its parts, for relief hangs together over columns.
+    """Standard uncertainty of a piece's level: from the scatter of its parts, for relief is correlated over columns.
 
-    No less than the scatter of columns gives, which hang together over the smoothing's length.
+    No less than the scatter of columns gives, which is correlated over the smoothing's length.
     """
     columns = max(float(np.std(off)), _LEAST_SCATTER_PX) / np.sqrt(max(off.size / (_CORRELATED * _SMOOTH_PX), 1.0))
     parts = [float(np.median(part)) for part in np.array_split(off, min(_PARTS, off.size))]

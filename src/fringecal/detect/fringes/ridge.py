@@ -106,8 +106,8 @@ def _checked(image: ArrayLike, period_px: float) -> Array:
         )
     if not period_px >= _LEAST_PERIOD_PX:
         raise DetectionError(
-            f"fringes of {period_px:.1f} px have no centres that could be told apart; at least {_LEAST_PERIOD_PX:g} px "
-            "are needed: use coarser fringes, or phase-shifted pictures"
+            f"the centres of fringes of {period_px:.1f} px cannot be distinguished; at least "
+            f"{_LEAST_PERIOD_PX:g} px are needed: use coarser fringes, or phase-shifted pictures"
         )
     return grey
 

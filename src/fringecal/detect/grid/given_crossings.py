@@ -55,7 +55,7 @@ def grid_of_crossings(
     if np.unique(sites, axis=1).shape[1] < sites.shape[1]:
         raise DetectionError("two crossings have one row and column; index each once")
     if min(len(np.unique(line)) for line in sites) < MIN_LINES:
-        raise DetectionError(f"crossings of {MIN_LINES} x {MIN_LINES} lines at least are needed to see a lens")
+        raise DetectionError(f"crossings of {MIN_LINES} x {MIN_LINES} lines at least are needed to determine a lens")
     sigma = np.broadcast_to(np.asarray(sigma_px, float), sites[0].shape).copy()
     lines = tuple(
         GridLine(family, k, points[0, pick], points[1, pick], sigma[pick], np.full(pick.sum(), int(LineStatus.OK)))

@@ -13,7 +13,7 @@ from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.detect.grid.line_weights import fit_weights
 from fringecal.detect.grid.nodes import edges_between
-from fringecal.detect.grid.refinement import Pencil, Refined, present_edges, refine_grid, stub_points
+from fringecal.detect.grid.refinement import LinePicture, Refined, present_edges, refine_grid, stub_points
 from fringecal.detect.grid.seeds import coarse_grids
 from fringecal.errors import DetectionError
 
@@ -133,10 +133,10 @@ def find_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") ->
     edges = edges_between(nodes, 0), edges_between(nodes, 1)
     weights = fit_weights(grey, coarse.sign, edges)
     refuse_other_patterns(grey, nodes, weights.profiles[0], coarse.sign)
-    pencil = Pencil(grey, weights, coarse.sign)
-    found = refine_grid(pencil, nodes)
+    line_picture = LinePicture(grey, weights, coarse.sign)
+    found = refine_grid(line_picture, nodes)
     _refuse_fragments(found)
-    return _detection(pencil, found)
+    return _detection(line_picture, found)
 
 
 def _as_grey(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
@@ -152,7 +152,7 @@ def _as_grey(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:
     if not np.isfinite(grey).all():
         raise DetectionError("the picture holds NaN or infinite values; fill or mask them first")
     if float(np.ptp(grey)) == 0.0:
-        raise DetectionError("the picture has one single brightness everywhere: no grid to be seen; take it again")
+        raise DetectionError("the picture has the same brightness everywhere and shows no grid; take it again")
     return grey
 
 
@@ -172,28 +172,28 @@ def _refuse_fragments(found: Refined) -> None:
             )
 
 
-def _detection(pencil: Pencil, found: Refined) -> GridDetection:
+def _detection(line_picture: LinePicture, found: Refined) -> GridDetection:
     """Assemble the result: crossings, and lines with the stubs that leave the grid."""
     row, column = np.nonzero(np.isfinite(found.nodes[..., 0]))
     position = found.nodes[row, column]
-    height, width = pencil.grey.shape
+    height, width = line_picture.grey.shape
     return GridDetection(
         row.astype(np.int64),
         column.astype(np.int64),
         position[:, 0],
         position[:, 1],
         found.sigma_px[row, column],
-        tuple(_family_lines(pencil, found, 0) + _family_lines(pencil, found, 1)),
+        tuple(_family_lines(line_picture, found, 0) + _family_lines(line_picture, found, 1)),
         (height, width),
-        "light" if pencil.sign > 0 else "dark",
-        pencil.weights.profiles[0],
+        "light" if line_picture.sign > 0 else "dark",
+        line_picture.weights.profiles[0],
     )
 
 
-def _family_lines(pencil: Pencil, found: Refined, family: int) -> list[GridLine]:
+def _family_lines(line_picture: LinePicture, found: Refined, family: int) -> list[GridLine]:
     """All lines of a family, their points sorted along them."""
     sets = [(found.edges[family], found.points[family])]
-    sets += [stub_points(pencil, found, family, way) for way in (1, -1)]
+    sets += [stub_points(line_picture, found, family, way) for way in (1, -1)]
     line = np.concatenate([edges.line[points.edge] for edges, points in sets])
     columns = [
         np.concatenate([getattr(points, name) for _, points in sets]) for name in ("u_px", "v_px", "sigma_px", "status")

@@ -27,7 +27,8 @@ CLEAR_OF_CROSSING_PX, MAX_MARGIN_PART = 0.7, 0.4
 # A patch is wider than its line to either side by this, px, and by this part of the line's width: the ground there
 # tells the background's slope. It may not reach the next line, but always takes this part of the spacing.
 GROUND_PX, GROUND_PART, MIN_ROOM_PART = 2.0, 0.25, 0.5
-# The background's slope is told from a shift of the line if the patch holds ground to either side of its reach, px.
+# The background's slope is distinguished from a shift of the line if the patch holds ground to either side of its
+# reach, px.
 SLOPE_GROUND_PX = 1.0
 # A step is limited to this part of the line's reach and this, px: further off the line's slope points nowhere.
 STEP_PART, STEP_PX = 0.5, 1.0
@@ -39,7 +40,7 @@ SPARE_PIXELS = 2
 MIN_SIGNIFICANCE = 5.0
 # Residuals of a line: up to this part of its contrast (sharp edges, uneven ink), and this multiple of their typical
 # variance.
-MAX_MISFIT = 0.15
+MAX_RESIDUAL = 0.15
 MAX_EXCESS = 9.0
 # Against rounding: variance, and slope across rows, instead of a division by 0; part of the diagonal added to normal
 # equations; least variance of a patch, grey levels squared.
@@ -172,7 +173,7 @@ def measure_points(
     missing = ~np.isfinite(sigma) | (sign * contrast < MIN_SIGNIFICANCE * sigma_contrast)
     missing |= np.abs(offset) > MAX_OFFSET_PART * patches.half_width
     # The edge of a cover or of a shadow resembles a line, but leaves residuals as large as itself.
-    missing |= variance > MAX_MISFIT**2 * contrast**2 + MAX_EXCESS * _typical(variance)
+    missing |= variance > MAX_RESIDUAL**2 * contrast**2 + MAX_EXCESS * _typical(variance)
     status = np.where(inside == 0, LineStatus.OUTSIDE, np.where(missing, LineStatus.MISSING, LineStatus.OK))
     return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
 

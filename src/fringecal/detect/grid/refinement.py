@@ -70,14 +70,14 @@ MIN_MAPPED = 0.7
 
 
 @dataclass(frozen=True)
-class Pencil:
-    """How to see lines: the grey picture, the lines' cross-sections, and their sign (-1 dark, +1 light)."""
+class LinePicture:
+    """A grey picture with the expected cross-sections of its lines and their sign (-1 dark, +1 light)."""
 
     grey: npt.NDArray[np.float32]
     weights: Weights
     sign: int
 
-    def blurred(self, blur_px: float) -> "Pencil":
+    def blurred(self, blur_px: float) -> "LinePicture":
         """Return one that expects broader lines, and so catches them from further off."""
         profiles = tuple(replace(p, blur_px=float(np.hypot(p.blur_px, blur_px))) for p in self.weights.profiles)
         return replace(self, weights=replace(self.weights, profiles=profiles))
@@ -100,12 +100,12 @@ class Refined:
     kinds: tuple[IntArray, IntArray]
 
 
-def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
+def refine_grid(line_picture: LinePicture, nodes: FloatArray) -> Refined:
     """Extend coarse crossings to the whole grid and make them sub-pixel.
 
     Parameters
     ----------
-    pencil
+    line_picture
         Picture, cross-section and sign of the lines.
     nodes
         Coarse crossings (rows, columns, 2), px, NaN where unknown.
@@ -116,18 +116,18 @@ def refine_grid(pencil: Pencil, nodes: FloatArray) -> Refined:
         If fewer than nine crossings are joined by lines.
     """
     nodes = _without_slips(nodes)
-    capture = pencil.blurred(CAPTURE_PART * _spacing(nodes))
+    capture = line_picture.blurred(CAPTURE_PART * _spacing(nodes))
     smooth = fit_to_nodes(nodes)
     for _ in range(EXTENSION_ROUNDS):
-        known, nodes, bridged = _extended(nodes, smooth, pencil.grey.shape)
+        known, nodes, bridged = _extended(nodes, smooth, line_picture.grey.shape)
         found = _round(capture, nodes, known, tolerance_px=ROUGH_PX)
         off = np.linalg.norm(found.nodes - nodes, axis=2) > MAX_BRIDGE_MOVE * _spacing(found.nodes)
         nodes = _without_slips(np.where((bridged & off)[..., None], np.nan, found.nodes))
         seen = np.isfinite(nodes[..., 0])
         if not (seen & ~known).any() and seen.sum() >= MIN_KEPT * known.sum():
             break
-        capture, (nodes, smooth) = pencil, _cropped(nodes, found.smooth)
-    return _trimmed(_round(pencil, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
+        capture, (nodes, smooth) = line_picture, _cropped(nodes, found.smooth)
+    return _trimmed(_round(line_picture, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
 
 
 def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> tuple[BoolArray, FloatArray, BoolArray]:
@@ -195,12 +195,15 @@ def _spacing(nodes: FloatArray) -> float:
     return min(float(np.median(s)) for s in spacings)
 
 
-def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_px: float) -> Refined:
+def _round(line_picture: LinePicture, nodes: FloatArray, trusted: BoolArray, *, tolerance_px: float) -> Refined:
     """Measure all lines between the crossings and intersect them; unsupported crossings become NaN."""
     shape = nodes.shape[0], nodes.shape[1]
     edges = (edges_between(nodes, 0), edges_between(nodes, 1))
-    kinds = pencil.kinds(edges, shape)
-    points = (_measured(pencil, edges, kinds, 0, tolerance_px), _measured(pencil, edges, kinds, 1, tolerance_px))
+    kinds = line_picture.kinds(edges, shape)
+    points = (
+        _measured(line_picture, edges, kinds, 0, tolerance_px),
+        _measured(line_picture, edges, kinds, 1, tolerance_px),
+    )
     smooth = fit_to_nodes(np.where(trusted[..., None], nodes, np.nan))
     rough = [deviations(smooth, family, edges[family], points[family]) for family in (0, 1)]
     smooth = fit_to_points(smooth, rough, [p.status == LineStatus.OK for p in points], shape)
@@ -222,7 +225,7 @@ def _round(pencil: Pencil, nodes: FloatArray, trusted: BoolArray, *, tolerance_p
 
 
 def _measured(
-    pencil: Pencil,
+    line_picture: LinePicture,
     edges: tuple[Edges, Edges],
     kinds: tuple[IntArray, IntArray],
     family: int,
@@ -230,10 +233,12 @@ def _measured(
 ) -> LinePoints:
     """Points on all edges of a family."""
     most, longest_px = (ROUGH_PATCHES, PATCH_LENGTH_PX) if tolerance_px >= ROUGH_PX else (MAX_PATCHES, np.inf)
-    profiles = pencil.weights.profiles
+    profiles = line_picture.weights.profiles
     own = _edge_kinds(edges[family], kinds, family, 1)
     patches = cut_patches(edges[family], profiles, own, most=most, longest_px=longest_px)
-    return _drop_faint(measure_points(pencil.grey, patches, profiles, pencil.sign, tolerance_px=tolerance_px))
+    return _drop_faint(
+        measure_points(line_picture.grey, patches, profiles, line_picture.sign, tolerance_px=tolerance_px)
+    )
 
 
 def _edge_kinds(edges: Edges, kinds: tuple[IntArray, IntArray], family: int, way: int) -> IntArray:
@@ -302,12 +307,12 @@ def _trimmed(found: Refined) -> Refined:
     return Refined(found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]), kinds)
 
 
-def stub_points(pencil: Pencil, found: Refined, family: int, way: int) -> tuple[Edges, LinePoints]:
+def stub_points(line_picture: LinePicture, found: Refined, family: int, way: int) -> tuple[Edges, LinePoints]:
     """Good points on the pieces of line that stick out beyond the last crossing (way +1 or -1)."""
     edges = stubs(found.nodes, family, way)
-    profiles = pencil.weights.profiles
+    profiles = line_picture.weights.profiles
     patches = cut_patches(edges, profiles, _edge_kinds(edges, found.kinds, family, way))
-    points = measure_points(pencil.grey, patches, profiles, pencil.sign)
+    points = measure_points(line_picture.grey, patches, profiles, line_picture.sign)
     base = found.points[family]
     typical = np.median(base.contrast[base.status == LineStatus.OK])
     offset = np.hypot(points.u_px - patches.centre[:, 0], points.v_px - patches.centre[:, 1])

@@ -171,8 +171,8 @@ def _fitted(
         factor = linalg.cholesky(matrix, lower=True)
     except (linalg.LinAlgError, ValueError) as error:
         raise DetectionError(
-            "no line grid found: what was taken for its lines does not determine a grid's shape; see that the picture "
-            "is that of a ruled grid, sharp and evenly lit"
+            "no line grid found: what was taken for its lines does not determine a grid's shape; check that the "
+            "picture shows a ruled grid, sharp and evenly lit"
         ) from error
     half_solved = linalg.solve_triangular(factor, right, lower=True)
     count = _best_count(degrees[columns], half_solved, target)

@@ -234,8 +234,8 @@ def find_comb(pixels: Pixels, layout: Array, least_px: float, *, search: CombSea
         raise DetectionError(
             f"no strips show in the phase: between where {len(layout)} strips would fit best and the rest the share of "
             f"unchanged phase differs by {contrast:.2f}, at least {LEAST_CONTRAST} is needed. Either strips and "
-            "reference are the same pictures, or lamp or plate moved between them, or the fringes do not cross the "
-            "strips, or the step is a whole fringe everywhere (then change the fringe pitch)."
+            "reference are the same pictures, or projector or plate moved between them, or the fringes do not cross "
+            "the strips, or the fringe shift is a whole number of fringes everywhere (then change the fringe pitch)."
         )
     return _normal(Comb(direction, place + stretch * shape, contrast))
 

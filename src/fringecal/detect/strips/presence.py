@@ -35,8 +35,8 @@ def strips_seen(pixels: Pixels, comb: Comb, edges: Array, layout: Array) -> Mask
     contrast = gaps - strip
     if plate < _LEAST_PLATE:
         raise DetectionError(
-            f"only {100 * plate:.0f} % of the plate between the strips has the phase of the reference capture: lamp, "
-            "plate or mirror moved between the two, or the target's strips are not those in the picture."
+            f"only {100 * plate:.0f} % of the plate between the strips has the phase of the reference capture: "
+            "projector, plate or mirror moved between the two, or the target's strips are not those in the picture."
         )
     seen = np.nan_to_num(contrast, nan=-1.0) > max(_SEEN_CONTRAST * float(np.nanmedian(contrast)), LEAST_CONTRAST)
     if np.count_nonzero(seen) < min(_LEAST_STRIPS, len(edges)):
@@ -67,8 +67,8 @@ def _nothing(layout: Array, contrast: float) -> str:
     return (
         f"{len(layout)} strips of {width:.1f} px width do not show in the phase (contrast {contrast:.2f} between plate "
         "and strips): strips and reference are the same pictures, the target names other strips, fringes run along "
-        "the plane of light and strips shift nothing, or the step is a whole fringe everywhere (then change the "
-        "fringe pitch)."
+        "the plane of light and strips shift nothing, or the fringe shift is a whole number of fringes everywhere "
+        "(then change the fringe pitch)."
     )
 
 
@@ -90,8 +90,9 @@ def _demand_width(pixels: Pixels, across: Array, edges: Array, stated_px: Array)
     if abs(width - stated) > _SIZE_PX + _SIZE_TOLERANCE * stated:
         raise DetectionError(
             f"the strips are {width:.1f} px wide, but the target and the scale ask for {stated:.1f} px: the "
-            "target names other strips, or its width or gap is wrong; or the step is near a whole fringe in part of "
-            "the field, where tops look like plate (then change the fringe pitch or the strips' height)"
+            "target names other strips, or its width or gap is wrong; or the fringe shift is near a whole number of "
+            "fringes in part of the field, where tops look like plate (then change the fringe pitch or the strips' "
+            "height)"
         )
 
 

@@ -63,7 +63,7 @@ class StripRegions:
 
 
 def find_strips(
-    step_rad: ArrayLike,
+    difference_rad: ArrayLike,
     valid: ArrayLike,
     *,
     count: int,
@@ -76,7 +76,7 @@ def find_strips(
 
     Parameters
     ----------
-    step_rad
+    difference_rad
         Phase of the strips' picture minus phase of the bare plate, any multiple of 2 pi, shape (H, W).
     valid
         Pixels where both phases are trustworthy.
@@ -96,9 +96,9 @@ def find_strips(
     Raises
     ------
     DetectionError
-        No pattern of strips: nothing on the plate, other strips, or a phase step of a whole fringe.
+        No pattern of strips: nothing on the plate, other strips, or a phase difference of a whole fringe.
     """
-    step, usable = _checked(step_rad, valid)
+    step, usable = _checked(difference_rad, valid)
     layout = strip_layout(count, width_px, gap_px)
     u, v = _coordinates(step.shape) if straight_px is None else straight_px
     least = float(min(np.diff(layout, axis=1).min(), *(layout[1:, 0] - layout[:-1, 1]), math.inf))
@@ -133,16 +133,17 @@ def strip_layout(count: int, width_px: ArrayLike, gap_px: ArrayLike) -> Array:
     layout = np.column_stack([starts, starts + widths])
     if not np.isfinite(layout).all() or min(widths.min(), gaps.min(initial=np.inf)) < _LEAST_WIDTH_PX:
         raise DetectionError(
-            f"strips of {widths.min():.1f} px and gaps of {gaps.min(initial=math.inf):.1f} px cannot be told apart: at "
-            f"least {_LEAST_WIDTH_PX} px each are needed. Use wider strips, or a camera nearer to the plate."
+            f"strips of {widths.min():.1f} px and gaps of {gaps.min(initial=math.inf):.1f} px cannot be "
+            f"distinguished: at least {_LEAST_WIDTH_PX} px each are needed. Use wider strips, or a camera nearer to "
+            "the plate."
         )
     return layout
 
 
-def _checked(step_rad: ArrayLike, valid: ArrayLike) -> tuple[Array, Mask]:
-    step, usable = np.asarray(step_rad, float), np.asarray(valid, bool)
+def _checked(difference_rad: ArrayLike, valid: ArrayLike) -> tuple[Array, Mask]:
+    step, usable = np.asarray(difference_rad, float), np.asarray(valid, bool)
     if step.ndim != 2 or step.shape != usable.shape:
-        raise DetectionError(f"phase step {step.shape} and mask {usable.shape} must be maps of one shape")
+        raise DetectionError(f"phase difference {step.shape} and mask {usable.shape} must be maps of one shape")
     usable = usable & np.isfinite(step)
     if np.count_nonzero(usable) < _LEAST_PIXELS:
         raise DetectionError(

@@ -1,1 +1,1 @@
-"""From phase-shifted frames to wrapped phase: phase shifts, noise, mask, shape of the fringes."""
+"""From phase-shifted frames to wrapped phase: phase shifts, noise, mask, waveform of the fringes."""

@@ -23,7 +23,7 @@ HARMONICS = (2, 3, 4)
 """Orders of the wave's harmonics that are measured."""
 
 RIPPLE_ORDERS = (1, 2, 3, 4, 6)
-"""Orders, against the fringes, of the ripple that is told from the carrier."""
+"""Orders, against the fringes, of the ripple that is distinguished from the carrier."""
 
 _RIDGE = 1e-9  # of the normal equations' diagonal: keeps them regular where a ripple is a multiple of the carrier
 _NO_LIGHT = 1e-12  # grey levels squared, for blocks without any
@@ -48,7 +48,7 @@ class BlockRules:
     valid_share
         Least share of a block's pixels in its largest connected piece.
     cycles
-        Fringes that a block must show: over less than two, harmonics and shading cannot be told apart.
+        Fringes that a block must show: over less than two, harmonics and shading cannot be distinguished.
     roughness_rad
         Most that the phase may scatter about its smooth course, rms, rad: an edge within the block leaves more, noise
         of the worst pixels that are kept (`MAX_SIGMA_RAD`) less.
@@ -126,7 +126,9 @@ def measure_blocks(
     """
     valid = map_.valid if mask is None else map_.valid & np.asarray(mask, bool)
     if not valid.any():
-        raise PhaseError("no pixel carries a phase, so no step can be measured: check exposure and stated steps")
+        raise PhaseError(
+            "no pixel carries a phase, so no phase shift can be measured: check exposure and stated phase shifts"
+        )
     unwrapped = unwrap(map_.phase, valid)
     rows, columns = _block_shape(fringe_period(map_.phase, valid), valid.shape, rules)
     tiles = _Tiles(rows, columns, valid.shape[1] // columns, rules.samples_along)
@@ -147,13 +149,13 @@ class _Tiles:
     samples_along: int
 
     @property
-    def steps(self) -> tuple[int, int]:
+    def spacing_px(self) -> tuple[int, int]:
         """Thinning along v and u where blocks are large: long fringes need no dense samples."""
         return -(-self.rows // self.samples_along), -(-self.columns // self.samples_along)
 
     def of(self, picture: NDArray, top: int) -> NDArray:
         """Return the samples of one row of blocks, (number, samples)."""
-        step_v, step_u = self.steps
+        step_v, step_u = self.spacing_px
         strip = picture[top : top + self.rows : step_v, : self.number * self.columns]
         parts = strip.reshape(len(strip), self.number, self.columns)[:, :, ::step_u]
         return parts.transpose(1, 0, 2).reshape(self.number, -1)
@@ -161,7 +163,7 @@ class _Tiles:
     @property
     def places(self) -> tuple[NDArray, NDArray]:
         """Column and row of every sample within its block, in samples, (samples,) each."""
-        step_v, step_u = self.steps
+        step_v, step_u = self.spacing_px
         columns, rows = np.meshgrid(np.arange(-(-self.columns // step_u)), np.arange(-(-self.rows // step_v)))
         return columns.ravel().astype(float), rows.ravel().astype(float)
 
@@ -204,7 +206,7 @@ def _measure_row(  # noqa: PLR0913, PLR0917 -- private: one row of blocks
     if not good.any():
         return []
     left = tiles.columns * np.flatnonzero(some)[good]
-    u_px, v_px = left + centre[0][good] * tiles.steps[1], top + centre[1][good] * tiles.steps[0]
+    u_px, v_px = left + centre[0][good] * tiles.spacing_px[1], top + centre[1][good] * tiles.spacing_px[0]
     signal, background, harmonics, *spread = _fit_frames(grey[good], carrier[good], quadratic[good], use[good])
     spreads = (part.tolist() for part in spread)
     rows = zip(u_px.tolist(), v_px.tolist(), signal, background, harmonics, ripple[good], *spreads, strict=True)

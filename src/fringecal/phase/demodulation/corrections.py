@@ -1,4 +1,4 @@
-"""What the frames were found to do, undone: drifting brightness, and steps that change over the field."""
+"""Corrections by what the frames show: drifting brightness, and phase shifts that change over the field."""
 
 from dataclasses import replace
 
@@ -7,21 +7,21 @@ from numba import njit, prange
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.phase.demodulation.demodulate import PhaseMap
-from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
-_ITERATIONS = 3  # the error falls by the square of the step's error each time: 5 deg to below 1e-5 rad
+_ITERATIONS = 3  # the error falls by the square of the phase shift's error each time: 5 deg to below 1e-5 rad
 
 
-def equalise(found: StepEstimate, *, steps_rad: ArrayLike | None = None) -> Scheme:
+def equalise(found: PhaseShiftEstimate, *, phase_shifts_rad: ArrayLike | None = None) -> Scheme:
     """Return the scheme that demodulates frames of different brightness as if the lamp had not drifted.
 
     Parameters
     ----------
     found
-        Steps, gains and offsets, best measured on the same frames.
-    steps_rad
-        Steps to use, rad, (N,); by default those found.
+        Phase shifts, gains and offsets, best measured on the same frames.
+    phase_shifts_rad
+        Phase shifts to use, rad, (N,); by default those found.
 
     Notes
     -----
@@ -30,7 +30,7 @@ def equalise(found: StepEstimate, *, steps_rad: ArrayLike | None = None) -> Sche
     a background is, is read from how it changes over the picture.
     """
     return least_squares(
-        found.steps_rad if steps_rad is None else steps_rad,
+        found.phase_shifts_rad if phase_shifts_rad is None else phase_shifts_rad,
         name="equalised",
         gains=found.gain_per_frame,
         offsets=found.offset_per_frame,
@@ -38,17 +38,17 @@ def equalise(found: StepEstimate, *, steps_rad: ArrayLike | None = None) -> Sche
     )
 
 
-def correct_steps(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayLike) -> PhaseMap:
-    """Undo a change of the steps that is linear over the field.
+def correct_phase_shifts(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayLike) -> PhaseMap:
+    """Correct a change of the phase shifts that is linear over the field.
 
     Parameters
     ----------
     map_
-        A set demodulated with steps that are right in the middle of the picture.
+        A set demodulated with phase shifts that are right in the middle of the picture.
     scheme
         The scheme used.
     gradient_rad_px
-        Change of each step along u and v, rad/px, (N, 2), such as `StepEstimate.gradient_rad_px`.
+        Change of each phase shift along u and v, rad/px, (N, 2), such as `PhaseShiftEstimate.gradient_rad_px`.
 
     Returns
     -------
@@ -57,18 +57,18 @@ def correct_steps(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayLike) ->
 
     Notes
     -----
-    The scheme's answer to frames with the pixel's own steps is computed for a phase, compared with the phase
+    The scheme's answer to frames with the pixel's own phase shifts is computed for a phase, compared with the phase
     found, and the phase moved by the difference, three times.
     """
     gradient = np.asarray(gradient_rad_px, np.float64)
-    rows = np.column_stack([np.asarray(scheme.steps_rad), gradient, scheme.weights[1:].T])
+    rows = np.column_stack([np.asarray(scheme.phase_shifts_rad), gradient, scheme.weights[1:].T])
     gains: NDArray = np.asarray(scheme.gains or np.ones(len(rows)))
     return replace(map_, phase=_moved(map_.phase, rows, gains))
 
 
 @njit(parallel=True, cache=True)
 def _moved(phase, rows, gains):  # type: ignore[no-untyped-def]
-    """Return the corrected phase; `rows` (N, 5) holds step, slope along u, along v, and both weights."""
+    """Return the corrected phase; `rows` (N, 5) holds phase shift, slope along u, along v, and both weights."""
     height, width = phase.shape
     result = np.empty_like(phase)
     for i in prange(height):

@@ -85,13 +85,13 @@ class PhaseMap:
 
 def demodulate(
     frames: ArrayLike,
-    steps_rad: ArrayLike | Scheme,
+    phase_shifts_rad: ArrayLike | Scheme,
     *,
     white_level: float | None = None,
     dark_level: float | None = None,
     noise: Noise | None = None,
     min_modulation: float | None = None,
-    max_misfit: float = MISFIT_SHARE,
+    max_residual: float = MISFIT_SHARE,
     out: PhaseMap | None = None,
 ) -> PhaseMap:
     """Demodulate N phase-shifted frames by least squares, or by a named scheme.
@@ -100,8 +100,8 @@ def demodulate(
     ----------
     frames
         Grey values, (N, H, W), N >= 3: uint8 and uint16 are read as they are, others as float32.
-    steps_rad
-        Steps delta_n in frame order, rad, (N,), or a `Scheme`.
+    phase_shifts_rad
+        Phase shifts delta_n in frame order, rad, (N,), or a `Scheme`.
     white_level
         Grey value of saturation; by default the largest of an integer type, none for floats.
     dark_level
@@ -111,7 +111,7 @@ def demodulate(
     min_modulation
         Least modulation, grey levels; by default 5 % of the 95th percentile over the picture, and 3 for
         integers. In any case u(phi) <= 0.25 rad.
-    max_misfit
+    max_residual
         Rms residual of four frames and more, as a share of the modulation, that a pixel may have (it may have
         five sigma of the noise in any case); infinity to keep all.
     out
@@ -120,13 +120,13 @@ def demodulate(
     Notes
     -----
     With weights `w` of C = B cos(phi) and S = B sin(phi) and var(I) = gain I + r^2 at each frame's own I:
-    `u^2(phi) = sum_n (cos(phi) wS_n - sin(phi) wC_n)^2 var(I_n) / B^2`; for N equal steps and white noise
+    `u^2(phi) = sum_n (cos(phi) wS_n - sin(phi) wC_n)^2 var(I_n) / B^2`; for N equal phase shifts and white noise
     this is `sqrt(2/N) sigma/B`. Valid while u(phi) is well below 1 rad.
 
     Raises
     ------
     PhaseError
-        Shapes that do not fit together, or steps that determine no phase.
+        Shapes that do not fit together, or phase shifts that determine no phase.
 
     Examples
     --------
@@ -136,8 +136,8 @@ def demodulate(
     >>> f"{map_.phase[0, 0]:.4f} rad, B = {map_.modulation[0, 0]:.2f}, u = {map_.sigma[0, 0]:.5f} rad"
     '0.7000 rad, B = 50.00, u = 0.01633 rad'
     """
-    scheme = steps_rad if isinstance(steps_rad, Scheme) else least_squares(steps_rad)
-    grey = _as_frames(frames, len(scheme.steps_rad))
+    scheme = phase_shifts_rad if isinstance(phase_shifts_rad, Scheme) else least_squares(phase_shifts_rad)
+    grey = _as_frames(frames, len(scheme.phase_shifts_rad))
     white = _white_level(grey.dtype, white_level)
     if noise is None:
         noise = _noise_of(grey, scheme, white)
@@ -150,7 +150,7 @@ def demodulate(
         np.float32(max(min_modulation, _LEAST_MODULATION)),
         np.float32(MAX_SIGMA_RAD),
         np.float32(MISFIT_SIGMAS * noise.sigma(_typical_grey(grey))),
-        np.float32(max_misfit),
+        np.float32(max_residual),
     )
     result = _buffers(grey.shape[1:], noise, out)
     _run(grey, scheme, limits, result)
@@ -162,8 +162,8 @@ def _as_frames(frames: ArrayLike, n_steps: int) -> NDArray:
     grey = np.asarray(frames)
     if grey.ndim != 3 or grey.shape[0] != n_steps or 0 in grey.shape:
         raise PhaseError(
-            f"found frames of shape {grey.shape} for {n_steps} steps; needed: ({n_steps}, height, width), "
-            "one frame per step and none empty"
+            f"found frames of shape {grey.shape} for {n_steps} phase shifts; needed: ({n_steps}, height, width), "
+            "one frame per phase shift and none empty"
         )
     if grey.dtype.kind not in "uif":
         raise PhaseError(f"found frames of type {grey.dtype}; grey values must be integers or real numbers")
@@ -213,8 +213,8 @@ def least_modulation(grey: NDArray, scheme: Scheme) -> float:
 
 def _sparse(grey: NDArray) -> NDArray:
     """Return every so many rows and columns: some 100 of each."""
-    steps = [max(1, length // _SAMPLES_ALONG) for length in grey.shape[1:]]
-    return grey[:, :: steps[0], :: steps[1]]
+    strides = [max(1, length // _SAMPLES_ALONG) for length in grey.shape[1:]]
+    return grey[:, :: strides[0], :: strides[1]]
 
 
 def _typical_grey(grey: NDArray) -> float:

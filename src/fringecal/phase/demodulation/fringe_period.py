@@ -9,7 +9,7 @@ from fringecal.errors import PhaseError
 from fringecal.numerics import wrap
 
 LEAST_CYCLES = 3.0
-"""Cycles along a picture below which a period cannot be told from uneven light."""
+"""Cycles along a picture below which a period cannot be distinguished from uneven light."""
 
 _LEAST_PIXELS = 16  # pairs of neighbours, and px along a picture's sides: fewer are a scrap of noise
 _LEAST_BLOCK_SHARE = 0.8  # of a block's pixels: the mean over a fringe with larger gaps keeps the ripple
@@ -53,7 +53,7 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
     Notes
     -----
     The wrapped differences to the next pixel along u and along v are averaged over blocks as large as a
-    fringe, which removes the ripple of gamma and of wrong steps, and the median over the blocks is taken,
+    fringe, which removes the ripple of gamma and of wrong phase shifts, and the median over the blocks is taken,
     which removes edges; over a field with perspective it is the period of the median block.
 
     Raises

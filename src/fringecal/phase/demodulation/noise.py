@@ -27,7 +27,7 @@ BAND_ROWS = 32
 _FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
 _LEAST_BACKGROUND = 0.15  # of the brightest background: where it is weaker, I / A is no longer linear in the noise
 _BIN_PIXELS, _MOST_BINS = 2000, 12  # of one brightness: a variance known to 5 %, and bins enough for a straight line
-_LEAST_SPREAD = 0.05  # of the mean brightness: over a smaller range a line's two coefficients cannot be told apart
+_LEAST_SPREAD = 0.05  # of the mean brightness: over a smaller range a line's two coefficients cannot be distinguished
 _LEAST_VARIANCE = 1e-12  # grey levels squared: frames without any noise must not divide by 0
 
 
@@ -58,15 +58,17 @@ class Noise:
         return np.sqrt(self.gain * np.maximum(np.asarray(grey, np.float64), 0) + self.read_sigma**2)
 
 
-def estimate_noise(frames: ArrayLike, steps_rad: ArrayLike | Scheme, *, white_level: float | None = None) -> Noise:
+def estimate_noise(
+    frames: ArrayLike, phase_shifts_rad: ArrayLike | Scheme, *, white_level: float | None = None
+) -> Noise:
     """Estimate the camera's noise from one phase-shifted set of pictures.
 
     Parameters
     ----------
     frames
         Grey values, (N, H, W), N >= 3, of the same scene under shifted fringes.
-    steps_rad
-        Steps delta_n, rad, (N,), or a `Scheme`.
+    phase_shifts_rad
+        Phase shifts delta_n, rad, (N,), or a `Scheme`.
     white_level
         Saturation, grey levels; saturated neighbourhoods are left out.
 
@@ -83,8 +85,8 @@ def estimate_noise(frames: ArrayLike, steps_rad: ArrayLike | Scheme, *, white_le
     PhaseError
         Shapes that do not fit, or pictures smaller than 16 x 16 px.
     """
-    scheme = steps_rad if isinstance(steps_rad, Scheme) else least_squares(steps_rad)
-    sample = _sample(np.asarray(frames), len(scheme.steps_rad))
+    scheme = phase_shifts_rad if isinstance(phase_shifts_rad, Scheme) else least_squares(phase_shifts_rad)
+    sample = _sample(np.asarray(frames), len(scheme.phase_shifts_rad))
     floor = ROUNDING_SIGMA if np.issubdtype(sample.dtype, np.integer) else 0.0
     grey = sample.astype(np.float32)
     abscissa, residual = _texture_free(grey, scheme.weights[0].astype(np.float32), white_level)
@@ -135,7 +137,7 @@ def _sample(frames: NDArray, n_steps: int) -> NDArray:
     """Take bands of rows, evenly spread, that hold enough pixels and no more."""
     if frames.ndim != 3 or frames.shape[0] != n_steps or min(frames.shape[1:]) < LEAST_SIDE_PX:
         raise PhaseError(
-            f"found frames of shape {frames.shape}; {n_steps} steps need ({n_steps}, height, width) "
+            f"found frames of shape {frames.shape}; {n_steps} phase shifts need ({n_steps}, height, width) "
             f"and their noise at least {LEAST_SIDE_PX} x {LEAST_SIDE_PX} px"
         )
     height, width = frames.shape[1:]
@@ -202,7 +204,7 @@ def _line_through_bins(
         return Noise(floor)
     x, variance = np.array(xs), np.maximum(variances, floor**2)
     if np.ptp(x) < _LEAST_SPREAD * abs(x.mean()):
-        # One brightness only: read noise and shot noise cannot be told apart, and need not be.
+        # One brightness only: read noise and shot noise cannot be distinguished, and need not be.
         return Noise(float(np.sqrt(np.median(variance))))
     weight = 1 / np.maximum(variance, _LEAST_VARIANCE)
     columns = np.column_stack([np.ones_like(x), np.maximum(x, 0)])

@@ -1,7 +1,7 @@
-"""The phase steps that the frames really have, found from the frames themselves.
+"""The phase shifts that the frames really have, found from the frames themselves.
 
-Three frames determine three unknowns per pixel, so a wrong step cannot be seen in any one pixel. It is
-seen over a few fringes: there the phase is smooth, while a wrong step makes it ripple. In each block of
+Three frames determine three unknowns per pixel, so a wrong phase shift cannot be seen in any one pixel. It is
+seen over a few fringes: there the phase is smooth, while a wrong phase shift makes it ripple. In each block of
 the picture the smooth phase is taken as the carrier, and every frame's own phase against it is measured;
 what is wrong with the carrier is the same for all frames and drops out of their differences.
 """
@@ -32,29 +32,29 @@ RARE = 1e-4
 
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
 _LEAST_BLOCKS = 4  # one more than a plane over the field has coefficients
-_LEAST_PLACES = 4  # along an axis, for a change of the steps to be seen along it: as above
+_LEAST_PLACES = 4  # along an axis, for a change of the phase shifts to be seen along it: as above
 _PLACES_ALONG = 8  # parts of the picture's length that count as places
 _CLEARLY = 0.8  # times the misfit of a factor: an offset must explain the backgrounds by a fifth better
 _ROUNDS, _CONVERGED_RAD = (
     3,
     1e-5,
-)  # demodulated anew with the steps found; 1e-5 rad is a thousandth of a good pixel's noise
+)  # demodulated anew with the phase shifts found; 1e-5 rad is a thousandth of a good pixel's noise
 
 
 @dataclass(frozen=True)
-class StepEstimate:
-    """Phase steps found from the frames, with what else differs between the frames.
+class PhaseShiftEstimate:
+    """Phase shifts found from the frames, with what else differs between the frames.
 
     Parameters
     ----------
-    steps_rad
-        Steps, rad, (N,); the first is as stated, for only differences can be seen.
+    phase_shifts_rad
+        Phase shifts, rad, (N,); the first is as stated, for only differences can be seen.
     u_rad
         Standard uncertainties, rad, (N,), from the scatter over the blocks; the first is 0.
     stated_rad
-        Steps as stated, rad, (N,).
+        Phase shifts as stated, rad, (N,).
     gradient_rad_px
-        Change of each step over the field, rad/px along u and v, (N, 2), zero for the first.
+        Change of each phase shift over the field, rad/px along u and v, (N, 2), zero for the first.
     u_gradient_rad_px
         Standard uncertainties of the same, (N, 2); infinite along an axis with blocks at three places or fewer.
     gain_per_frame, u_gain
@@ -75,7 +75,7 @@ class StepEstimate:
         Blocks of the picture that were smooth enough to be used.
     """
 
-    steps_rad: NDArray[np.float64]
+    phase_shifts_rad: NDArray[np.float64]
     u_rad: NDArray[np.float64]
     stated_rad: NDArray[np.float64]
     gradient_rad_px: NDArray[np.float64]
@@ -93,17 +93,17 @@ class StepEstimate:
 
     @property
     def errors_rad(self) -> NDArray[np.float64]:
-        """Return found minus stated steps, rad, (N,)."""
-        return self.steps_rad - self.stated_rad
+        """Return found minus stated phase shifts, rad, (N,)."""
+        return self.phase_shifts_rad - self.stated_rad
 
     @property
     def significant(self) -> bool:
-        """Tell whether any step differs from the stated one by more than chance allows (0.27 %, Student)."""
+        """Return whether any phase shift differs from the stated one by more than chance allows (0.27 %, Student)."""
         return bool((np.abs(self.errors_rad[1:]) > self.coverage(_CHANCE) * self.u_rad[1:]).any())
 
     @property
     def uneven(self) -> bool:
-        """Tell whether gain or background of any frame differs from the mean by more than chance allows."""
+        """Return whether gain or background of any frame differs from the mean by more than chance allows."""
         limit = self.coverage(_CHANCE / len(self.u_gain))
         gains = np.abs(self.gain_per_frame - 1) > limit * self.u_gain
         backgrounds = np.abs(self.level_per_frame / self.background_level - 1) > limit * self.u_background
@@ -115,7 +115,7 @@ class StepEstimate:
         return self.background_level * self.background_per_frame + self.offset_per_frame
 
     def field_change_rad_px(self, shape: tuple[int, ...]) -> NDArray[np.float64]:
-        """Return the change of each step over the field, rad/px along u and v, (N, 2), 0 where it is not sure.
+        """Return the change of each phase shift over the field, rad/px along u and v, (N, 2), 0 where it is not sure.
 
         A slope among blocks that scatter as much as it rises may as well be the object's doing.
         """
@@ -129,21 +129,21 @@ class StepEstimate:
         return float(stats.t.isf(chance / 2, max(self.n_blocks - 3, 1)))
 
 
-def estimate_steps(
+def estimate_phase_shifts(
     frames: ArrayLike,
-    steps_rad: ArrayLike,
+    phase_shifts_rad: ArrayLike,
     *,
     mask: ArrayLike | None = None,
     white_level: float | None = None,
-) -> StepEstimate:
-    """Estimate the actual phase steps of N frames of a surface that is smooth over a few fringes.
+) -> PhaseShiftEstimate:
+    """Estimate the actual phase shifts of N frames of a surface that is smooth over a few fringes.
 
     Parameters
     ----------
     frames
         Grey values, (N, H, W), N >= 3.
-    steps_rad
-        Stated steps, rad, (N,); right to about 20 deg.
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,); right to about 20 deg.
     mask
         True where the surface is smooth, (H, W), for example the bare plate; by default all that is valid.
         Blocks with an edge in them are left out in any case.
@@ -155,46 +155,46 @@ def estimate_steps(
     In each block of about three fringes the unwrapped phase is fitted by a quadratic `f`; then
     `I_n = a_n + c_n cos(f) - s_n sin(f) + two harmonics`, a_n, c_n and s_n with a slope over the block, by
     least squares, and `delta_n = atan2(s_n, c_n)` against the first frame's. The mean over the blocks,
-    outliers left out, is the step, its scatter the uncertainty, its slope over the field the gradient.
-    Steps of 120 deg, one of them wrong by d, make a ripple `-(d / sqrt 3) sin(2 phi)` if not corrected.
+    outliers left out, is the phase shift, its scatter the uncertainty, its slope over the field the gradient.
+    Phase shifts of 120 deg, one of them wrong by d, make a ripple `-(d / sqrt 3) sin(2 phi)` if not corrected.
 
     Raises
     ------
     PhaseError
         No phase, or fewer than four usable blocks: too few fringes or a surface that is too rough.
     """
-    return steps_and_blocks(frames, steps_rad, mask=mask, white_level=white_level)[0]
+    return phase_shifts_and_blocks(frames, phase_shifts_rad, mask=mask, white_level=white_level)[0]
 
 
-def steps_and_blocks(
-    frames: ArrayLike, steps_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
-) -> tuple[StepEstimate, list[Block]]:
-    """Return what `estimate_steps` does, and the blocks that it rests on."""
+def phase_shifts_and_blocks(
+    frames: ArrayLike, phase_shifts_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
+) -> tuple[PhaseShiftEstimate, list[Block]]:
+    """Return what `estimate_phase_shifts` does, and the blocks that it rests on."""
     grey = np.asarray(frames)
-    stated = np.asarray(steps_rad, dtype=np.float64).ravel()
+    stated = np.asarray(phase_shifts_rad, dtype=np.float64).ravel()
     found = stated.copy()
     for _ in range(_ROUNDS):
-        map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0), max_misfit=np.inf)
+        map_ = demodulate(grey, found, white_level=white_level, noise=Noise(1.0), max_residual=np.inf)
         blocks = measure_blocks(grey, map_, mask)
         if len(blocks) < _LEAST_BLOCKS:
             raise PhaseError(
                 f"found {len(blocks)} usable blocks of {BLOCK_FRINGES:g} fringes, {_LEAST_BLOCKS} are needed "
-                "to measure the steps: use a smooth surface with more fringes, such as the reference plate"
+                "to measure the phase shifts: use a smooth surface with more fringes, such as the reference plate"
             )
         estimate = _combine(blocks, stated, grey.shape[1:])
-        moved = np.abs(estimate.steps_rad - found).max()
-        found = estimate.steps_rad
+        moved = np.abs(estimate.phase_shifts_rad - found).max()
+        found = estimate.phase_shifts_rad
         if moved < _CONVERGED_RAD:
             break
     return estimate, blocks
 
 
-def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> StepEstimate:
-    """Average the blocks' steps, gains and backgrounds."""
+def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> PhaseShiftEstimate:
+    """Average the blocks' phase shifts, gains and backgrounds."""
     signal = np.array([block.signal for block in blocks])
     turned = signal * np.conj(signal[:, :1]) * np.exp(-1j * (stated - stated[0]))
     errors = np.angle(turned)
-    errors[:, 0] = 0.0  # the first step is the origin, not a result
+    errors[:, 0] = 0.0  # the first phase shift is the origin, not a result
     u = np.array([block.u_px for block in blocks]) - (shape[1] - 1) / 2
     v = np.array([block.v_px for block in blocks]) - (shape[0] - 1) / 2
     fits = [_robust_plane(u, v, error) for error in errors.T]
@@ -206,8 +206,8 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> St
     gain, u_gain = share_of_mean(np.abs(signal))
     share, u_share = share_of_mean(background)
     offset = _offset(background, gain, share)
-    return StepEstimate(
-        steps_rad=stated + mean,
+    return PhaseShiftEstimate(
+        phase_shifts_rad=stated + mean,
         u_rad=u_mean,
         stated_rad=stated,
         gradient_rad_px=gradient,

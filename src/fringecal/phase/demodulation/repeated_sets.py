@@ -1,4 +1,4 @@
-"""The same set taken several times: their mean, and whether anything moved between them."""
+"""The same set taken several times: its mean, and whether anything moved between the repeats."""
 
 from dataclasses import dataclass
 
@@ -8,12 +8,12 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 from fringecal.numerics import wrap
 from fringecal.phase.demodulation.demodulate import demodulate
-from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, estimate_steps
+from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, estimate_phase_shifts
 from fringecal.phase.diagnostics.evidence import Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 LEAST_SHIFT_RAD = 0.01
-"""Rms movement between repeats that is worth a word: 0.15 % of a fringe, the noise of one good pixel."""
+"""Rms movement between repeats that is reported: 0.15 % of a fringe, the noise of one good pixel."""
 
 _LEAST_PIXELS = 100  # with a phase in all repeats: fewer are stray light
 _BATCHES = 64  # means of neighbours, whose scatter is the uncertainty, known to 9 %
@@ -21,7 +21,7 @@ _BATCHES = 64  # means of neighbours, whose scatter is the uncertainty, known to
 
 @dataclass(frozen=True)
 class RepeatScatter:
-    """How far repeated sets moved against each other.
+    """Movement between repeated sets.
 
     Parameters
     ----------
@@ -29,9 +29,9 @@ class RepeatScatter:
         Mean phase of each repeat against the mean of all, rad, (R,).
     u_shift_rad
         Standard uncertainty of one of them, rad, from the scatter over the picture.
-    steps_rad
-        Deviation of each step from its mean over the repeats, rad, (R, N); zero where steps cannot be measured.
-    u_steps_rad
+    deviation_rad
+        Deviation of each phase shift from its mean over the repeats, rad, (R, N); zero where they cannot be measured.
+    u_deviation_rad
         Standard uncertainty of one of them, rad.
     copies
         Pairs of repeats (from 0) of which a frame is the same bit by bit.
@@ -39,8 +39,8 @@ class RepeatScatter:
 
     shift_rad: NDArray[np.float64]
     u_shift_rad: float
-    steps_rad: NDArray[np.float64]
-    u_steps_rad: float
+    deviation_rad: NDArray[np.float64]
+    u_deviation_rad: float
     copies: tuple[tuple[int, int], ...]
 
     @property
@@ -48,27 +48,27 @@ class RepeatScatter:
         """Return the rms movement between repeats that noise does not explain, whole sets and single frames, rad."""
         repeats = len(self.shift_rad)
         whole = self.shift_rad.var() * repeats / (repeats - 1) - self.u_shift_rad**2
-        frames = (self.steps_rad**2).sum() / max(self.steps_rad[:, 1:].size, 1) - self.u_steps_rad**2
+        frames = (self.deviation_rad**2).sum() / max(self.deviation_rad[:, 1:].size, 1) - self.u_deviation_rad**2
         return float(np.sqrt(max(whole, 0.0) + max(frames, 0.0)))
 
 
-def compare_repeats(sets: ArrayLike, steps_rad: ArrayLike, *, white_level: float | None = None) -> RepeatScatter:
+def compare_repeats(sets: ArrayLike, phase_shifts_rad: ArrayLike, *, white_level: float | None = None) -> RepeatScatter:
     """Compare repeats of one set: whether the phase of the whole, or of single frames, changes between them.
 
     Parameters
     ----------
     sets
         Grey values, (R, N, H, W), R >= 2.
-    steps_rad
-        Stated steps, rad, (N,).
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,).
     white_level
         Saturation, grey levels.
 
     Notes
     -----
-    Between repeats everything but noise and movement cancels: gamma, wrong steps and shading are the same in all.
+    Between repeats everything but noise and movement cancels: gamma, wrong phase shifts and shading are the same.
     The mean difference to the first repeat is taken over the picture; its uncertainty from the means of patches,
-    as neighbours and the ripple's crests hang together.
+    as neighbouring pixels and the ripple are correlated.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def compare_repeats(sets: ArrayLike, steps_rad: ArrayLike, *, white_level: float
     grey = np.asarray(sets)
     if grey.ndim != 4 or grey.shape[0] < 2:
         raise PhaseError(f"found an array of shape {grey.shape}; repeats need (R, N, H, W) with R >= 2")
-    maps = [demodulate(one, steps_rad, white_level=white_level, max_misfit=np.inf) for one in grey]
+    maps = [demodulate(one, phase_shifts_rad, white_level=white_level, max_residual=np.inf) for one in grey]
     valid = np.logical_and.reduce([map_.valid for map_ in maps])
     if np.count_nonzero(valid) < _LEAST_PIXELS:
         raise PhaseError(
@@ -89,8 +89,8 @@ def compare_repeats(sets: ArrayLike, steps_rad: ArrayLike, *, white_level: float
     differences = [wrap(map_.phase[valid] - first) for map_ in maps]
     shifts = np.array([np.median(difference) for difference in differences])
     u = max((_u_of_mean(difference) for difference in differences[1:]), default=0.0)
-    steps, u_steps = _steps(grey, steps_rad, white_level)
-    return RepeatScatter(shifts - shifts.mean(), u, steps, u_steps, _copies(grey))
+    phase_shifts, u_deviation = _phase_shifts(grey, phase_shifts_rad, white_level)
+    return RepeatScatter(shifts - shifts.mean(), u, phase_shifts, u_deviation, _copies(grey))
 
 
 def _u_of_mean(values: NDArray) -> float:
@@ -99,14 +99,14 @@ def _u_of_mean(values: NDArray) -> float:
     return float(np.std(batches, ddof=1) / np.sqrt(len(batches)))
 
 
-def _steps(grey: NDArray, stated: ArrayLike, white_level: float | None) -> tuple[NDArray, float]:
-    """Return the steps of each repeat against their mean, and the uncertainty of one; zeros where unknown."""
+def _phase_shifts(grey: NDArray, stated: ArrayLike, white_level: float | None) -> tuple[NDArray, float]:
+    """Return the phase shifts of each repeat against their mean, and the uncertainty of one; zeros where unknown."""
     try:
-        found = [estimate_steps(one, stated, white_level=white_level) for one in grey]
+        found = [estimate_phase_shifts(one, stated, white_level=white_level) for one in grey]
     except PhaseError:
         return np.zeros((len(grey), grey.shape[1])), 0.0
-    steps = np.array([one.steps_rad for one in found])
-    return steps - steps.mean(axis=0), float(np.median([one.u_rad[1:] for one in found]))
+    phase_shifts = np.array([one.phase_shifts_rad for one in found])
+    return phase_shifts - phase_shifts.mean(axis=0), float(np.median([one.u_rad[1:] for one in found]))
 
 
 def _copies(grey: NDArray) -> tuple[tuple[int, int], ...]:
@@ -117,7 +117,7 @@ def _copies(grey: NDArray) -> tuple[tuple[int, int], ...]:
 
 
 def findings_of_repeats(scatter: RepeatScatter) -> tuple[Finding, ...]:
-    """Name what is wrong between repeats: movement, or a picture stored twice."""
+    """Return the findings between repeats: movement, or a picture stored twice."""
     findings = []
     if scatter.copies:
         i, j = scatter.copies[0]
@@ -130,17 +130,17 @@ def findings_of_repeats(scatter: RepeatScatter) -> tuple[Finding, ...]:
                 "wait for a new picture before storing it, and take the repeats again",
             )
         )
-    u = np.hypot(scatter.u_shift_rad, scatter.u_steps_rad)
+    u = np.hypot(scatter.u_shift_rad, scatter.u_deviation_rad)
     if scatter.moved_rad > max(LEAST_SHIFT_RAD, SIGNIFICANT * u):
         largest = float(np.abs(scatter.shift_rad).max())
-        single = float(np.abs(scatter.steps_rad).max())
+        single = float(np.abs(scatter.deviation_rad).max())
         findings.append(
             Finding(
                 FindingKind.VIBRATION_BETWEEN_REPEATS,
-                "the fringes lie elsewhere from repeat to repeat: rig, plate or projector moved between frames",
+                "the fringes are displaced from repeat to repeat: rig, plate or projector moved between frames",
                 f"whole sets up to {largest:.3f} rad, single frames up to {single:.3f} rad",
                 scatter.moved_rad,
-                "let the rig come to rest, isolate it from the floor, take the repeats again",
+                "let the vibration decay, isolate it from the floor, take the repeats again",
             )
         )
     return tuple(findings)

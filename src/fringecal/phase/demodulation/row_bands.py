@@ -13,7 +13,7 @@ from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
 
 def demodulate_strips(
-    frames: Sequence[Any], steps_rad: ArrayLike | Scheme, *, rows: int = 512, white_level: float | None = None
+    frames: Sequence[Any], phase_shifts_rad: ArrayLike | Scheme, *, rows: int = 512, white_level: float | None = None
 ) -> Iterator[tuple[slice, PhaseMap]]:
     """Demodulate frames that need not fit into memory.
 
@@ -21,8 +21,8 @@ def demodulate_strips(
     ----------
     frames
         N pictures, (H, W) each, that can be sliced by rows: arrays, `numpy.memmap`, a file's lazy reader.
-    steps_rad
-        Steps delta_n in frame order, rad, (N,), or a `Scheme`.
+    phase_shifts_rad
+        Phase shifts delta_n in frame order, rad, (N,), or a `Scheme`.
     rows
         Rows of a strip.
     white_level
@@ -37,7 +37,7 @@ def demodulate_strips(
     Raises
     ------
     PhaseError
-        Frames of different size, or not as many as steps.
+        Frames of different size, or not as many as phase shifts.
 
     Examples
     --------
@@ -46,12 +46,12 @@ def demodulate_strips(
     >>> [(strip.start, map_.phase.shape[0]) for strip, map_ in strips]
     [(0, 400), (400, 400), (800, 200)]
     """
-    scheme = steps_rad if isinstance(steps_rad, Scheme) else least_squares(steps_rad)
+    scheme = phase_shifts_rad if isinstance(phase_shifts_rad, Scheme) else least_squares(phase_shifts_rad)
     shapes = {tuple(np.shape(frame)) for frame in frames}
-    if len(shapes) != 1 or len(frames) != len(scheme.steps_rad) or rows < 1:
+    if len(shapes) != 1 or len(frames) != len(scheme.phase_shifts_rad) or rows < 1:
         raise PhaseError(
-            f"found {len(frames)} frames of shapes {sorted(shapes)} for {len(scheme.steps_rad)} steps, strips of "
-            f"{rows} rows; needed: one frame per step, all of one size, and 1 row or more"
+            f"found {len(frames)} frames of shapes {sorted(shapes)} for {len(scheme.phase_shifts_rad)} phase shifts, "
+            f"bands of {rows} rows; needed: one frame per phase shift, all of one size, and 1 row or more"
         )
     bands = _bands(frames)
     noise = estimate_noise(bands, scheme, white_level=white_level)

@@ -13,21 +13,21 @@ from numpy.typing import ArrayLike, NDArray
 from fringecal.errors import PhaseError
 
 MAX_NOISE_GAIN = 10.0
-"""Steps that make the phase this many times noisier than N equal steps would are refused."""
+"""Phase shifts that make the phase this many times noisier than N equal phase shifts would are refused."""
 _FULL_TURN = 6.3  # radians, rounded as people write them
-_SINGULAR = 1e-6  # of the largest singular value: a smaller one is rounding of steps as people state them
+_SINGULAR = 1e-6  # of the largest singular value: a smaller one is rounding of phase shifts as people state them
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """Steps and weights of a linear phase-shifting scheme.
+    """Phase shifts and weights of a linear phase-shifting scheme.
 
     Parameters
     ----------
     name
         Name as it stands in reports.
-    steps_rad
-        Phase steps delta_n of the N frames, rad.
+    phase_shifts_rad
+        Phase shifts delta_n of the N frames, rad.
     weights
         Array (3, N): rows give A, B cos(phi) and B sin(phi) from the N grey values.
     gains, offsets, backgrounds
@@ -37,7 +37,7 @@ class Scheme:
     """
 
     name: str
-    steps_rad: tuple[float, ...]
+    phase_shifts_rad: tuple[float, ...]
     weights: NDArray[np.float64]
     gains: tuple[float, ...] = ()
     offsets: tuple[float, ...] = ()
@@ -51,38 +51,43 @@ class Scheme:
     @property
     def model(self) -> NDArray[np.float64]:
         """Return what A, B cos(phi), B sin(phi) and 1 are multiplied with in each frame, (N, 4)."""
-        steps = np.asarray(self.steps_rad)
-        one = np.ones_like(steps)
+        phase_shifts = np.asarray(self.phase_shifts_rad)
+        one = np.ones_like(phase_shifts)
         gains = np.asarray(self.gains or one)
-        columns = (self.backgrounds or gains, gains * np.cos(steps), -gains * np.sin(steps), self.offsets or 0 * one)
+        columns = (
+            self.backgrounds or gains,
+            gains * np.cos(phase_shifts),
+            -gains * np.sin(phase_shifts),
+            self.offsets or 0 * one,
+        )
         return np.column_stack(columns)
 
     @property
     def noise_gain(self) -> float:
         """Return rms u(phi) over all phases as a multiple of the optimum `sqrt(2/N) sigma/B`."""
         variance = (self.weights[1:] ** 2).sum() / 2
-        return float(np.sqrt(variance * len(self.steps_rad) / 2))
+        return float(np.sqrt(variance * len(self.phase_shifts_rad) / 2))
 
 
 def least_squares(
-    steps_rad: ArrayLike,
+    phase_shifts_rad: ArrayLike,
     *,
     name: str | None = None,
     gains: ArrayLike = 1.0,
     offsets: ArrayLike = 0.0,
     backgrounds: ArrayLike | None = None,
 ) -> Scheme:
-    """Build the least-squares scheme for any set of three or more steps.
+    """Build the least-squares scheme for any set of three or more phase shifts.
 
     Parameters
     ----------
-    steps_rad
-        Phase steps delta_n, rad, (N,), N >= 3; equal spacing is not needed.
+    phase_shifts_rad
+        Phase shifts delta_n, rad, (N,), N >= 3; equal spacing is not needed.
     name
-        Name for reports; by default the number of steps.
+        Name for reports; by default the number of phase shifts.
     gains, offsets, backgrounds
         Modulation of each frame against the mean, grey levels added to it, and its background against the mean
-        (as the gains if not given), (N,), where they are known, such as `StepEstimate.gain_per_frame`.
+        (as the gains if not given), (N,), where they are known, such as `PhaseShiftEstimate.gain_per_frame`.
 
     Notes
     -----
@@ -92,7 +97,7 @@ def least_squares(
     Raises
     ------
     PhaseError
-        Fewer than three steps, a step that is not finite, or steps that cannot tell A, B and phi apart.
+        Fewer than three phase shifts, one that is not finite, or phase shifts that do not determine A, B and phi.
 
     Examples
     --------
@@ -101,78 +106,84 @@ def least_squares(
            [ 0.6667, -0.3333, -0.3333],
            [ 0.    , -0.5774,  0.5774]])
     """
-    steps = np.asarray(steps_rad, dtype=np.float64).ravel()
-    _refuse_too_few(steps)
+    phase_shifts = np.asarray(phase_shifts_rad, dtype=np.float64).ravel()
+    _refuse_too_few(phase_shifts)
     bare = Scheme(
-        name or f"least squares, {steps.size} steps",
-        tuple(steps.tolist()),
+        name or f"least squares, {phase_shifts.size} steps",
+        tuple(phase_shifts.tolist()),
         np.empty((3, 0)),
-        _one_each(gains, steps, "gains"),
-        _one_each(offsets, steps, "offsets"),
-        _one_each(gains if backgrounds is None else backgrounds, steps, "backgrounds"),
+        _one_each(gains, phase_shifts, "gains"),
+        _one_each(offsets, phase_shifts, "offsets"),
+        _one_each(gains if backgrounds is None else backgrounds, phase_shifts, "backgrounds"),
     )
     design = bare.model[:, :3]
     singular = np.linalg.svd(design, compute_uv=False)
     scheme = replace(bare, weights=np.linalg.pinv(design))
     if singular[-1] < _SINGULAR * singular[0] or scheme.noise_gain > MAX_NOISE_GAIN:
         raise PhaseError(
-            f"steps of {_in_degrees(steps)} deg cannot separate background, modulation and phase; "
-            "needed: at least three steps well spread over a period, such as 0, 120, 240 deg; "
-            "check steps_deg (duplicated frames count once)" + _perhaps_radians(steps)
+            f"phase shifts of {_in_degrees(phase_shifts)} deg do not determine background, modulation and phase; "
+            "needed: at least three phase shifts well spread over a period, such as 0, 120, 240 deg; "
+            "check steps_deg (duplicated frames count once)" + _perhaps_radians(phase_shifts)
         )
     return scheme
 
 
-def _one_each(values: ArrayLike, steps: NDArray[np.float64], what: str) -> tuple[float, ...]:
-    """Return one finite number for each step."""
+def _one_each(values: ArrayLike, phase_shifts: NDArray[np.float64], what: str) -> tuple[float, ...]:
+    """Return one finite number for each phase shift."""
     found = np.asarray(values, np.float64)
-    if found.shape not in ((), steps.shape) or not np.isfinite(found).all():
-        raise PhaseError(f"{what} of shape {found.shape} for {steps.size} steps; needed: one finite number per frame")
-    return tuple(np.broadcast_to(found, steps.shape).tolist())
+    if found.shape not in ((), phase_shifts.shape) or not np.isfinite(found).all():
+        raise PhaseError(
+            f"{what} of shape {found.shape} for {phase_shifts.size} phase shifts; needed: one finite number per frame"
+        )
+    return tuple(np.broadcast_to(found, phase_shifts.shape).tolist())
 
 
-def _refuse_too_few(steps: NDArray[np.float64]) -> None:
-    """Refuse sets of steps that no weights exist for."""
-    if steps.size < 3:
-        raise PhaseError(f"found {steps.size} phase steps; at least 3 are needed: take more frames")
-    if not np.isfinite(steps).all():
-        raise PhaseError(f"steps {steps.tolist()} rad are not all finite: state every step as a number")
+def _refuse_too_few(phase_shifts: NDArray[np.float64]) -> None:
+    """Refuse sets of phase shifts that no weights exist for."""
+    if phase_shifts.size < 3:
+        raise PhaseError(f"found {phase_shifts.size} phase shifts; at least 3 are needed: take more frames")
+    if not np.isfinite(phase_shifts).all():
+        raise PhaseError(
+            f"phase shifts {phase_shifts.tolist()} rad are not all finite: state every phase shift as a number"
+        )
 
 
-def _perhaps_radians(steps: NDArray[np.float64]) -> str:
+def _perhaps_radians(phase_shifts: NDArray[np.float64]) -> str:
     """Ask, where numbers stated as degrees would make sense as radians."""
-    as_stated = np.rad2deg(steps)
+    as_stated = np.rad2deg(phase_shifts)
     if np.abs(as_stated).max() > _FULL_TURN or np.ptp(as_stated) < 1:
         return ""
-    return f"; {_in_degrees(steps)} look like radians: state degrees, {_in_degrees(as_stated)}"
+    return f"; {_in_degrees(phase_shifts)} look like radians: state degrees, {_in_degrees(as_stated)}"
 
 
-def _in_degrees(steps: NDArray[np.float64]) -> str:
-    """Write steps as a person would state them."""
-    return ", ".join(f"{step:.6g}" for step in np.rad2deg(steps))
+def _in_degrees(phase_shifts: NDArray[np.float64]) -> str:
+    """Write phase shifts as a person would state them."""
+    return ", ".join(f"{step:.6g}" for step in np.rad2deg(phase_shifts))
 
 
 def buckets(n: int) -> Scheme:
-    """Build the N-bucket scheme: N equal steps over one period, the first at 0."""
+    """Build the N-bucket scheme: N equal phase shifts over one period, the first at 0."""
     return least_squares(2 * np.pi * np.arange(n) / n, name=f"{n}-bucket")
 
 
 def _from_rows(name: str, steps_deg: Sequence[float], cosine: Sequence[float], sine: Sequence[float]) -> Scheme:
     """Build a scheme from its published integer coefficients, scaled so that the modulation is right."""
-    steps = np.deg2rad(steps_deg)
-    background = np.linalg.pinv(np.column_stack([np.ones_like(steps), np.cos(steps), -np.sin(steps)]))[0]
-    cosine_row = np.asarray(cosine) / np.dot(cosine, np.cos(steps))
-    sine_row = np.asarray(sine) / np.dot(sine, -np.sin(steps))
-    return Scheme(name, tuple(steps.tolist()), np.stack([background, cosine_row, sine_row]))
+    phase_shifts = np.deg2rad(steps_deg)
+    background = np.linalg.pinv(
+        np.column_stack([np.ones_like(phase_shifts), np.cos(phase_shifts), -np.sin(phase_shifts)])
+    )[0]
+    cosine_row = np.asarray(cosine) / np.dot(cosine, np.cos(phase_shifts))
+    sine_row = np.asarray(sine) / np.dot(sine, -np.sin(phase_shifts))
+    return Scheme(name, tuple(phase_shifts.tolist()), np.stack([background, cosine_row, sine_row]))
 
 
 _NAMED = {
     "three-120": lambda: least_squares(np.deg2rad([0, 120, 240]), name="three-120"),
     "three-90": lambda: least_squares(np.deg2rad([0, 90, 180]), name="three-90"),
     "four": lambda: least_squares(np.deg2rad([0, 90, 180, 270]), name="four"),
-    # Hariharan, Oreb, Eiju, Appl. Opt. 26 (1987) 2504, eq. 9: blind to a linear step error at first order.
+    # Hariharan, Oreb, Eiju, Appl. Opt. 26 (1987) 2504, eq. 9: blind to a linear phase shift error at first order.
     "hariharan-5": lambda: _from_rows("hariharan-5", [-180, -90, 0, 90, 180], [-1, 0, 2, 0, -1], [0, 2, 0, -2, 0]),
-    # Schwider et al., Opt. Eng. 32 (1993) 1883: three steps of 90 deg, frames 1-3 and 2-4 added.
+    # Schwider et al., Opt. Eng. 32 (1993) 1883: three phase shifts of 90 deg, frames 1-3 and 2-4 added.
     "schwider-4": lambda: _from_rows("schwider-4", [0, 90, 180, 270], [1, 1, -3, 1], [1, -3, 1, 1]),
 }
 
@@ -206,7 +217,7 @@ def scheme(name: str) -> Scheme:
 
 
 def carre(frames: ArrayLike) -> NDArray[np.float64]:
-    """Demodulate four frames with equal but unknown steps -3a, -a, a, 3a (Carre 1966).
+    """Demodulate four frames with equal but unknown phase shifts -3a, -a, a, 3a (Carre 1966).
 
     Parameters
     ----------
@@ -216,7 +227,7 @@ def carre(frames: ArrayLike) -> NDArray[np.float64]:
     Returns
     -------
     numpy.ndarray
-        Wrapped phase in (-pi, pi], rad; NaN where the frames admit no step (a negative radicand).
+        Wrapped phase in (-pi, pi], rad; NaN where the frames admit no phase shift (a negative radicand).
 
     Notes
     -----

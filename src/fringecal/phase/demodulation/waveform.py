@@ -1,6 +1,6 @@
-"""The shape of the fringes, which should be a cosine: gamma and clipping, measured and undone.
+"""The waveform of the fringes, which should be a cosine: gamma and clipping, measured and corrected.
 
-A projector or camera that does not answer in proportion adds harmonics to the fringes. Three steps turn the
+A projector or camera that does not answer in proportion adds harmonics to the fringes. Three phase shifts turn the
 second one into a ripple at three times the fringe frequency, the wavy surface. The harmonics' shares of the
 first are the same on bright and on dark parts, so that one short table corrects every pixel.
 """
@@ -14,7 +14,7 @@ from fringecal.errors import PhaseError
 from fringecal.numerics import robust_sd, wrap
 from fringecal.phase.demodulation.blocks import HARMONICS, Block
 from fringecal.phase.demodulation.demodulate import PhaseMap, single_precision
-from fringecal.phase.demodulation.phase_shifts import NO_SCATTER, OUTLIER_SIGMAS, SIGNIFICANT, steps_and_blocks
+from fringecal.phase.demodulation.phase_shifts import NO_SCATTER, OUTLIER_SIGMAS, SIGNIFICANT, phase_shifts_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 
 SMALL_RIPPLE_RAD = 0.005
@@ -58,22 +58,22 @@ class Waveform:
         """Return the ratios, 0 where they are not above noise."""
         return np.where(np.abs(self.ratios) > SIGNIFICANT * self.u, self.ratios, 0)
 
-    def matters(self, steps_rad: ArrayLike | Scheme) -> bool:
-        """Tell whether the wave's shape makes a ripple that is both above noise and worth correcting."""
-        return ripple_rms(phase_error(steps_rad, ratios=self.significant)) > SMALL_RIPPLE_RAD
+    def matters(self, phase_shifts_rad: ArrayLike | Scheme) -> bool:
+        """Return whether the waveform makes a ripple that is both above noise and large enough to be corrected."""
+        return ripple_rms(phase_error(phase_shifts_rad, ratios=self.significant)) > SMALL_RIPPLE_RAD
 
 
 def estimate_waveform(
-    frames: ArrayLike, steps_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
+    frames: ArrayLike, phase_shifts_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
 ) -> Waveform:
-    """Measure the shape of the fringes on a surface that is smooth over a few of them, such as the plate.
+    """Measure the waveform of the fringes on a surface that is smooth over a few of them, such as the plate.
 
     Parameters
     ----------
     frames
         Grey values, (N, H, W), N >= 3; three are enough, more know it better.
-    steps_rad
-        Stated steps, rad, (N,).
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,).
     mask
         True where the surface is to be used, (H, W).
     white_level
@@ -88,9 +88,9 @@ def estimate_waveform(
     Raises
     ------
     PhaseError
-        As `estimate_steps`: no phase, or too few smooth blocks.
+        As `estimate_phase_shifts`: no phase, or too few smooth blocks.
     """
-    return waveform_of_blocks(steps_and_blocks(frames, steps_rad, mask=mask, white_level=white_level)[1])
+    return waveform_of_blocks(phase_shifts_and_blocks(frames, phase_shifts_rad, mask=mask, white_level=white_level)[1])
 
 
 def waveform_of_blocks(blocks: list[Block]) -> Waveform:
@@ -112,9 +112,9 @@ def _robust_mean(values: NDArray[np.complex128]) -> tuple[complex, float]:
 
 
 def phase_error(
-    steps_rad: ArrayLike | Scheme,
+    phase_shifts_rad: ArrayLike | Scheme,
     *,
-    true_steps_rad: ArrayLike | None = None,
+    true_phase_shifts_rad: ArrayLike | None = None,
     ratios: ArrayLike = (),
     gains: ArrayLike | None = None,
     offsets: ArrayLike | float = 0.0,
@@ -123,10 +123,10 @@ def phase_error(
 
     Parameters
     ----------
-    steps_rad
-        Steps that the frames are demodulated with, rad, (N,), or a `Scheme`.
-    true_steps_rad
-        Steps that they have, rad, (N,).
+    phase_shifts_rad
+        Phase shifts that the frames are demodulated with, rad, (N,), or a `Scheme`.
+    true_phase_shifts_rad
+        Phase shifts that they have, rad, (N,).
     ratios
         Harmonics 2, 3, ... as shares of the first.
     gains, offsets
@@ -144,8 +144,8 @@ def phase_error(
     >>> f"{np.rad2deg(error.max()):.1f} deg"
     '16.6 deg'
     """
-    scheme = _as_scheme(steps_rad)
-    true = np.asarray(scheme.steps_rad if true_steps_rad is None else true_steps_rad, np.float64)
+    scheme = _as_scheme(phase_shifts_rad)
+    true = np.asarray(scheme.phase_shifts_rad if true_phase_shifts_rad is None else true_phase_shifts_rad, np.float64)
     phi = 2 * np.pi * np.arange(_TABLE) / _TABLE
     angle = phi + true[:, None]
     wave = np.cos(angle)
@@ -161,15 +161,15 @@ def ripple_rms(error: NDArray) -> float:
     return float(np.std(error))
 
 
-def correct_gamma(map_: PhaseMap, steps_rad: ArrayLike | Scheme, wave: Waveform) -> PhaseMap:
-    """Undo what the shape of the fringes does to the phase.
+def correct_gamma(map_: PhaseMap, phase_shifts_rad: ArrayLike | Scheme, wave: Waveform) -> PhaseMap:
+    """Correct what the waveform of the fringes does to the phase.
 
     Parameters
     ----------
     map_
         A demodulated set.
-    steps_rad
-        The steps, rad, (N,), or the `Scheme`, that it was demodulated with.
+    phase_shifts_rad
+        The phase shifts, rad, (N,), or the `Scheme`, that it was demodulated with.
     wave
         The fringes' shape, from `estimate_waveform`, best of the plate.
 
@@ -185,16 +185,16 @@ def correct_gamma(map_: PhaseMap, steps_rad: ArrayLike | Scheme, wave: Waveform)
     Raises
     ------
     PhaseError
-        Harmonics so strong that two phases look alike (three steps: gamma above about 2.5).
+        Harmonics so strong that two phases look alike (three phase shifts: gamma above about 2.5).
     """
     true = 2 * np.pi * np.arange(_TABLE + 1) / _TABLE
-    error = phase_error(steps_rad, ratios=wave.ratios)
+    error = phase_error(phase_shifts_rad, ratios=wave.ratios)
     found = true + np.append(error, error[0])
     slope = np.diff(found) / np.diff(true)
     if slope.min() < _LEAST_SLOPE:
         raise PhaseError(
-            f"the fringes' second harmonic is {abs(wave.ratios[0]):.2f} of the first: phases can no longer be told "
-            "apart with these steps; take more steps, or correct the projector's gamma"
+            f"the fringes' second harmonic is {abs(wave.ratios[0]):.2f} of the first: phases can no longer be "
+            "distinguished with these phase shifts; take more frames, or correct the projector's gamma"
         )
     phase = map_.phase.astype(np.float64)
     place = np.mod(phase - found[0], 2 * np.pi) + found[0]
@@ -204,6 +204,6 @@ def correct_gamma(map_: PhaseMap, steps_rad: ArrayLike | Scheme, wave: Waveform)
     return replace(map_, phase=single_precision(wrap(corrected)), sigma=(map_.sigma * factor).astype(np.float32))
 
 
-def _as_scheme(steps_rad: ArrayLike | Scheme) -> Scheme:
-    """Return a scheme for steps, or the scheme given."""
-    return steps_rad if isinstance(steps_rad, Scheme) else least_squares(steps_rad)
+def _as_scheme(phase_shifts_rad: ArrayLike | Scheme) -> Scheme:
+    """Return a scheme for phase shifts, or the scheme given."""
+    return phase_shifts_rad if isinstance(phase_shifts_rad, Scheme) else least_squares(phase_shifts_rad)

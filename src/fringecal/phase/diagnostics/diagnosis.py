@@ -1,4 +1,4 @@
-"""A doctor for phase-shifted frames: what is wrong with them, what it costs, what to do."""
+"""Diagnostics of phase-shifted frames: what is wrong with them, what it costs, what to do."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from fringecal.phase.demodulation.adapted import smoothed_noise
 from fringecal.phase.demodulation.blocks import RIPPLE_ORDERS, Block, measure_blocks
 from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
 from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
-from fringecal.phase.demodulation.phase_shifts import StepEstimate, steps_and_blocks
+from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate, phase_shifts_and_blocks
 from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
 from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
@@ -27,20 +27,20 @@ class Diagnosis:
     findings
         What is wrong, the costliest first; empty if nothing is.
     map
-        The set demodulated with the stated steps.
-    period, steps, wave
-        Fringe period, steps and wave shape as measured; None where the scene does not allow it.
+        The set demodulated with the stated phase shifts.
+    period, phase_shifts, wave
+        Fringe period, phase shifts and waveform as measured; None where the scene does not allow it.
     ripple
-        Ripple that the phase has with the stated steps, by order k against the fringes (1 lamp, 2 steps, 3 gamma
-        with three steps): the error is the sum of `Re(r_k exp(-i k phase))`, rad; empty where it was not measured.
+        Ripple that the phase has with the stated phase shifts, by order k (1 brightness, 2 phase shifts, 3 gamma with
+        three frames): the error is the sum of `Re(r_k exp(-i k phase))`, rad; empty where it was not measured.
     notes
-        What could not be looked at, and why.
+        What could not be measured, and why.
     """
 
     findings: tuple[Finding, ...]
     map: PhaseMap
     period: FringePeriod | None
-    steps: StepEstimate | None
+    phase_shifts: PhaseShiftEstimate | None
     wave: Waveform | None
     ripple: dict[int, complex]
     notes: tuple[str, ...]
@@ -57,7 +57,7 @@ class Diagnosis:
 
 def diagnose(
     frames: ArrayLike,
-    steps_rad: ArrayLike,
+    phase_shifts_rad: ArrayLike,
     *,
     white_level: float | None = None,
     reference: ArrayLike | None = None,
@@ -71,8 +71,8 @@ def diagnose(
     ----------
     frames
         Grey values, (N, H, W), best of the bare plate; of an object, what is smooth in it is used.
-    steps_rad
-        Stated steps, rad, (N,).
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,).
     white_level
         Saturation, grey levels; by default the largest of an integer type.
     reference
@@ -88,30 +88,30 @@ def diagnose(
     Raises
     ------
     PhaseError
-        Frames and steps that do not fit together, as in `demodulate`.
+        Frames and phase shifts that do not fit together, as in `demodulate`.
     """
     grey = np.asarray(frames)
-    steps = np.asarray(steps_rad, np.float64).ravel()
+    phase_shifts = np.asarray(phase_shifts_rad, np.float64).ravel()
     # A misfit is a symptom here, and no reason to look away.
-    map_ = demodulate(grey, steps, white_level=white_level, max_misfit=np.inf)
-    evidence = _with_reference(Evidence(sparse(grey), steps, map_, limits=limits), grey, reference, white_level)
+    map_ = demodulate(grey, phase_shifts, white_level=white_level, max_residual=np.inf)
+    evidence = _with_reference(Evidence(sparse(grey), phase_shifts, map_, limits=limits), grey, reference, white_level)
     notes: list[str] = []
     ripple: dict[int, complex] = {}
     try:
         evidence = replace(evidence, period=fringe_period(map_.phase, map_.valid))
-        found, blocks = steps_and_blocks(grey, steps, mask=mask, white_level=white_level)
-        evidence = replace(evidence, steps=found, blocks=blocks, wave=waveform_of_blocks(blocks))
+        found, blocks = phase_shifts_and_blocks(grey, phase_shifts, mask=mask, white_level=white_level)
+        evidence = replace(evidence, phase_shifts=found, blocks=blocks, wave=waveform_of_blocks(blocks))
         ripple = _ripple(measure_blocks(grey, map_, mask))
     except PhaseError as error:
-        notes.append(f"steps, brightness and wave shape could not be looked at: {error}")
-    notes += smoothed_noise(map_, evidence.steps)
+        notes.append(f"phase shifts, brightness and waveform could not be measured: {error}")
+    notes += smoothed_noise(map_, evidence.phase_shifts)
     findings = [finding for test in TESTS for finding in test(evidence)]
     fatal = [finding for finding in findings if finding.kind.fatal]
     return Diagnosis(
         tuple(_priced(fatal or findings, mm_per_rad)),
         map_,
         evidence.period,
-        evidence.steps,
+        evidence.phase_shifts,
         evidence.wave,
         ripple,
         tuple(notes),
@@ -127,7 +127,7 @@ def _with_reference(
     plate = np.asarray(reference)
     if plate.shape != grey.shape:
         raise PhaseError(f"the reference has frames of shape {plate.shape}, the set {grey.shape}: they must be equal")
-    map_ = demodulate(plate, evidence.steps_rad, white_level=white_level, max_misfit=np.inf)
+    map_ = demodulate(plate, evidence.phase_shifts_rad, white_level=white_level, max_residual=np.inf)
     both = sparse(np.concatenate([grey, plate]))
     try:
         period = fringe_period(map_.phase, map_.valid)

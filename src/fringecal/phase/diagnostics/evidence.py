@@ -1,4 +1,4 @@
-"""What the doctor's tests look at, and what they say of it."""
+"""What the diagnostics look at, and what they say of it."""
 
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fringecal.phase.demodulation.blocks import Block
 from fringecal.phase.demodulation.demodulate import TYPICAL_PERCENTILE, PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod
-from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.waveform import Waveform
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
@@ -59,11 +59,11 @@ class Evidence:
     ----------
     frames
         Sparse sample of the lit part of the picture, grey levels, (N, M).
-    steps_rad
-        Stated steps, rad, (N,).
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,).
     map
         The set demodulated with them.
-    period, steps, blocks, wave
+    period, phase_shifts, blocks, wave
         As measured.
     reference, reference_period
         The same sample of the reference frames, (N, M), and their fringe period.
@@ -72,10 +72,10 @@ class Evidence:
     """
 
     frames: NDArray[np.float64]
-    steps_rad: NDArray[np.float64]
+    phase_shifts_rad: NDArray[np.float64]
     map: PhaseMap
     period: FringePeriod | None = None
-    steps: StepEstimate | None = None
+    phase_shifts: PhaseShiftEstimate | None = None
     blocks: list[Block] = field(default_factory=list)
     wave: Waveform | None = None
     reference: NDArray[np.float64] | None = None

@@ -16,14 +16,14 @@ class FindingKind(Enum):
     CLIPPED_SLIDE = "clipped slide"
     GAMMA = "gamma"
     DEFOCUS = "defocus"
-    WRONG_STEPS = "wrong steps"
-    UNEVEN_STEPS = "uneven steps"
+    WRONG_PHASE_SHIFTS = "wrong steps"
+    UNEVEN_PHASE_SHIFTS = "uneven steps"
     SHORT_FRINGES = "too few pixels per fringe"
     LONG_FRINGES = "too many pixels per fringe"
 
     @property
     def fatal(self) -> bool:
-        """Whether no correction undoes it: all else that is measured from the frames' differences is meaningless."""
+        """Whether no correction removes it: all else that is measured from the frames' differences is meaningless."""
         return self in _FATAL
 
     @property
@@ -35,4 +35,7 @@ class FindingKind(Enum):
 _FATAL = frozenset({FindingKind.STALE_FRAME, FindingKind.DUPLICATE_FRAMES, FindingKind.SWAPPED_FRAMES})
 
 #: What a reader sees of each, in reports, tables and messages: a text can be changed here and steers nothing.
-FINDING_TEXTS: dict[FindingKind, str] = {one: one.value for one in FindingKind}
+FINDING_TEXTS: dict[FindingKind, str] = {one: one.value for one in FindingKind} | {
+    FindingKind.WRONG_PHASE_SHIFTS: "wrong phase shifts",
+    FindingKind.UNEVEN_PHASE_SHIFTS: "uneven phase shifts",
+}

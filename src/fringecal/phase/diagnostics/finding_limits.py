@@ -15,9 +15,9 @@ class FindingLimits:
     Parameters
     ----------
     equal_share
-        Two frames are of one step if they differ by less than this share of what frames of this set differ by.
+        Two frames are of one phase shift if they differ by less than this share of what frames of this set differ by.
     apart_rad
-        Difference of stated steps below which two frames may be equal, rad.
+        Difference of stated phase shifts below which two frames may be equal, rad.
     above_noise
         Times the noise that frames must differ by for such a comparison.
     misordered
@@ -48,10 +48,10 @@ class FindingLimits:
         Share of the picture's pixels at the white level.
     contrast
         Modulation over background, where a sharp slide gives 0.6 to 0.9.
-    steps_rad
-        Rms ripple by wrong steps, rad: a third of the noise of one good pixel, 0.01.
+    phase_shifts_rad
+        Rms ripple by wrong phase shifts, rad: a third of the noise of one good pixel, 0.01.
     change_rad
-        Change of a step from edge to edge, rad: what is undone besides.
+        Change of a phase shift from edge to edge, rad: what is corrected besides.
     period_px, fringes
         Pixels per fringe, and fringes in the picture, below which heights are measured badly.
     """
@@ -75,7 +75,7 @@ class FindingLimits:
     gamma_rad: float = 0.012
     saturated: float = 0.003
     contrast: float = 0.25
-    steps_rad: float = 0.004
+    phase_shifts_rad: float = 0.004
     change_rad: float = LEAST_CHANGE_RAD
     period_px: float = 6.0
     fringes: float = 4.0

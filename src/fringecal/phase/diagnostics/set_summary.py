@@ -1,4 +1,4 @@
-"""What one phase-shifted set shows in one look: phase map, mask, noise, period, and its real steps."""
+"""What one phase-shifted set shows in one look: phase map, mask, noise, period, and its real phase shifts."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from fringecal.errors import PhaseError
 from fringecal.phase.demodulation.adapted import demodulate_adapted
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
-from fringecal.phase.demodulation.phase_shifts import StepEstimate
+from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.waveform import Waveform
 from fringecal.phase.diagnostics.evidence import Evidence, sparse
 from fringecal.phase.diagnostics.symptoms_frames import misordered
@@ -20,7 +20,7 @@ LEAST_VALID = 0.005
 
 @dataclass(frozen=True)
 class PhaseSummary:
-    """A demodulated set and what can be said of it.
+    """A demodulated set and what is known of it.
 
     Parameters
     ----------
@@ -28,19 +28,19 @@ class PhaseSummary:
         The phase map.
     period
         Median fringe period, or None where there are no fringes.
-    steps
-        Steps found from the frames, or None where the scene does not allow it.
+    phase_shifts
+        Phase shifts found from the frames, or None where the scene does not allow it.
     undone
         What was corrected, one sentence each; empty where the stated model fits.
     notes
-        Why something is missing, or what to doubt, one sentence each.
+        Why something is missing, or what is uncertain, one sentence each.
     wave
-        Shape of the fringes that was reckoned with.
+        Waveform of the fringes that was used.
     """
 
     map: PhaseMap
     period: FringePeriod | None
-    steps: StepEstimate | None
+    phase_shifts: PhaseShiftEstimate | None
     undone: tuple[str, ...]
     notes: tuple[str, ...]
     wave: Waveform | None = None
@@ -58,46 +58,46 @@ class PhaseSummary:
 
 
 def summarise(
-    frames: ArrayLike, steps_rad: ArrayLike, *, white_level: float | None = None, wave: Waveform | None = None
+    frames: ArrayLike, phase_shifts_rad: ArrayLike, *, white_level: float | None = None, wave: Waveform | None = None
 ) -> PhaseSummary:
-    """Demodulate one set, undo what its frames show to differ from the stated model, and look at the fringe period.
+    """Demodulate one set, correct what its frames show to differ from the stated model, and look at the fringe period.
 
     Parameters
     ----------
     frames
         Grey values, (N, H, W).
-    steps_rad
-        Stated steps, rad, (N,).
+    phase_shifts_rad
+        Stated phase shifts, rad, (N,).
     white_level
         Saturation, grey levels.
     wave
-        Shape of the fringes as found on another set of the same projector.
+        Waveform of the fringes as found on another set of the same projector.
 
     Raises
     ------
     PhaseError
-        Frames and steps that do not fit, as in `demodulate`; a scene without fringes is not an error.
+        Frames and phase shifts that do not fit, as in `demodulate`; a scene without fringes is not an error.
     """
-    adapted = demodulate_adapted(frames, steps_rad, white_level=white_level, wave=wave)
+    adapted = demodulate_adapted(frames, phase_shifts_rad, white_level=white_level, wave=wave)
     notes = list(adapted.notes)
     period = None
     try:
         period = fringe_period(adapted.map.phase, adapted.map.valid)
     except PhaseError as error:
         notes = [str(error)]
-    return PhaseSummary(adapted.map, period, adapted.steps, adapted.undone, tuple(notes), adapted.wave)
+    return PhaseSummary(adapted.map, period, adapted.phase_shifts, adapted.undone, tuple(notes), adapted.wave)
 
 
-def demand_phase(summary: PhaseSummary, frames: ArrayLike, steps_rad: ArrayLike) -> None:
-    """Refuse a set that shows no fringes, or whose frames are in another order than their steps.
+def demand_phase(summary: PhaseSummary, frames: ArrayLike, phase_shifts_rad: ArrayLike) -> None:
+    """Refuse a set that shows no fringes, or whose frames are in another order than their phase shifts.
 
     Raises
     ------
     PhaseError
         With what was found instead.
     """
-    steps = np.asarray(steps_rad, np.float64).ravel()
-    swapped = list(misordered(Evidence(sparse(np.asarray(frames)), steps, summary.map)))
+    phase_shifts = np.asarray(phase_shifts_rad, np.float64).ravel()
+    swapped = list(misordered(Evidence(sparse(np.asarray(frames)), phase_shifts, summary.map)))
     if swapped and not summary.undone:
         raise PhaseError(f"{swapped[0].what} ({swapped[0].how_large}): {swapped[0].remedy}")
     shares = summary.map.shares()
@@ -107,5 +107,5 @@ def demand_phase(summary: PhaseSummary, frames: ArrayLike, steps_rad: ArrayLike)
         )
         raise PhaseError(
             f"{shares['valid']:.2%} of the pixels carry fringes ({causes or 'none'}). Needed: pictures of one scene "
-            "with fringes that move by the stated steps; check exposure, lamp and the list of pictures"
+            "with fringes that move by the stated phase shifts; check exposure, projector and the list of pictures"
         )

@@ -18,19 +18,19 @@ def _differences(frames: NDArray) -> dict[tuple[int, int], float]:
 
 
 def duplicates(evidence: Evidence) -> Iterator[Finding]:
-    """Find frames that show the same step: copies bit by bit (stale), or taken anew (duplicate)."""
+    """Find frames that show the same phase shift: copies bit by bit (stale), or taken anew (duplicate)."""
     differences, limits = _differences(evidence.frames), evidence.limits
     typical = max(differences.values())
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) * np.sqrt(2)
     for (i, j), difference in differences.items():
-        apart = abs(float(wrap(evidence.steps_rad[i] - evidence.steps_rad[j])))
+        apart = abs(float(wrap(evidence.phase_shifts_rad[i] - evidence.phase_shifts_rad[j])))
         unlike = difference > limits.equal_share * typical or typical < limits.above_noise * noise
         if unlike or apart < limits.apart_rad:
             continue
         copied = difference == 0
         yield Finding(
             FindingKind.STALE_FRAME if copied else FindingKind.DUPLICATE_FRAMES,
-            f"frames {i + 1} and {j + 1} are {'the same picture, bit by bit' if copied else 'of the same step'}",
+            f"frames {i + 1} and {j + 1} are {'the same picture, bit by bit' if copied else 'of the same phase shift'}",
             f"they differ by {difference:.2f} grey levels rms, others by {typical:.0f}",
             apart / np.sqrt(6),
             "wait for a new picture before storing it, and take the set again"
@@ -40,27 +40,28 @@ def duplicates(evidence: Evidence) -> Iterator[Finding]:
 
 
 def misordered(evidence: Evidence) -> Iterator[Finding]:
-    """Find frames in another order than their steps, from the misfit of four frames and more."""
+    """Find frames in another order than their phase shifts, from the misfit of four frames and more."""
     n, limits = len(evidence.frames), evidence.limits
     if n < 4:
         return
-    steps = evidence.steps_rad
-    design = np.column_stack([np.ones(n), np.cos(steps), -np.sin(steps)])
+    phase_shifts = evidence.phase_shifts_rad
+    design = np.column_stack([np.ones(n), np.cos(phase_shifts), -np.sin(phase_shifts)])
     outside = np.eye(n) - design @ np.linalg.pinv(design)
     power = np.cov(evidence.frames, bias=True)
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) ** 2 * (n - 3)
     as_stated = float(np.trace(outside @ power))
     orders = list(permutations(range(n))) if n <= limits.most_permuted else list(_exchanges(n))
     misfits = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
-    # Several orders of evenly spaced steps fit alike: of these, the one that moves the fewest frames.
+    # Several orders of evenly spaced phase shifts fit alike: of these, the one that moves the fewest frames.
     alike = np.flatnonzero(misfits <= limits.alike * misfits.min())
     best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
     seen = max(limits.misfit_over_noise * noise, limits.misfit_of_power * float(np.trace(power)))
     if misfits.min() < limits.misordered * as_stated and as_stated > seen:
         yield Finding(
             FindingKind.SWAPPED_FRAMES,
-            f"the frames fit the stated steps in the order {', '.join(str(k + 1) for k in best)}",
-            f"misfit {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(misfits.min() / n):.1f} in that order",
+            f"the frames fit the stated phase shifts in the order {', '.join(str(k + 1) for k in best)}",
+            f"residual {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(misfits.min() / n):.1f} in that "
+            "order",
             float(np.pi / 2),
             "put the files into the order of steps_deg",
         )
@@ -75,7 +76,7 @@ def _exchanges(n: int) -> Iterator[tuple[int, ...]]:
 
 
 def mirrored(evidence: Evidence) -> Iterator[Finding]:
-    """Find a phase that falls where the reference's rises: three steps in another order look perfect alone."""
+    """Find a phase that falls where the reference's rises: three phase shifts in another order look perfect alone."""
     if evidence.period is None or evidence.reference_period is None:
         return
     here, there = (np.array(p.gradient_rad_px) for p in (evidence.period, evidence.reference_period))
@@ -83,7 +84,7 @@ def mirrored(evidence: Evidence) -> Iterator[Finding]:
     if cosine < evidence.limits.mirrored_cosine:
         yield Finding(
             FindingKind.SWAPPED_FRAMES,
-            "the phase falls where that of the set beside it (the plate, or what lies on it) rises",
+            "the phase decreases where that of the other set (of the plate, or of what lies on it) increases",
             f"directions {evidence.period.direction_deg:z.0f} and {evidence.reference_period.direction_deg:z.0f} deg",
             float(np.pi / np.sqrt(3)),
             "two frames of one of the sets have changed places, or the fringes were moved the other way: "

@@ -37,13 +37,13 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
     worst = int(np.abs(background).argmax())
     if abs(background[worst]) > max(evidence.limits.background, SIGNIFICANT * u_background[worst]):
         level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
-        error = phase_error(evidence.steps_rad, gains=1 + modulation, offsets=level * background)
+        error = phase_error(evidence.phase_shifts_rad, gains=1 + modulation, offsets=level * background)
         yield Finding(
             FindingKind.LAMP_DRIFT,
             f"frame {worst + 1} is {'brighter' if background[worst] > 0 else 'darker'} than the set's mean",
             f"{background[worst]:+.1%} in background, {modulation[worst]:+.1%} in modulation",
             ripple_rms(error),
-            "let the lamp warm up, keep room light out; commission, verify and reconstruct undo it",
+            "let the lamp warm up, keep room light out; commission, verify and reconstruct correct it",
         )
     weakest = int(blurred.argmin())
     u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
@@ -53,8 +53,8 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
             FindingKind.VIBRATION,
             f"the fringes of frame {weakest + 1} are weaker at the same brightness: they moved while it was exposed",
             f"{blurred[weakest]:+.1%} in modulation",
-            ripple_rms(phase_error(evidence.steps_rad, gains=1 + modulation)),
-            "let the rig come to rest before each frame, or use a shorter exposure; take the set again",
+            ripple_rms(phase_error(evidence.phase_shifts_rad, gains=1 + modulation)),
+            "let the vibration decay before each frame, or use a shorter exposure; take the set again",
         )
 
 
@@ -64,7 +64,7 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     if wave is None:
         return
     second, third = float(wave.ratios[0].real), float(wave.ratios[1].real)
-    cost = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.ratios))
+    cost = ripple_rms(phase_error(evidence.phase_shifts_rad, ratios=wave.ratios))
     of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
     clipped = third - of_gamma
     # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
@@ -74,18 +74,18 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
             "the fringes have flat tops or bottoms: the slide or the projector clips them",
             f"third harmonic {third:+.1%} of the first, where gamma would give {of_gamma:+.1%}",
             cost,
-            "lower the contrast of the printed or displayed fringes; take four steps or more",
+            "lower the contrast of the printed or displayed fringes; take four frames or more",
         )
         return
-    harm = ripple_rms(phase_error(evidence.steps_rad, ratios=wave.significant))
+    harm = ripple_rms(phase_error(evidence.phase_shifts_rad, ratios=wave.significant))
     if harm > limits.gamma_rad or abs(wave.significant[0]) > limits.second_harmonic:
         yield Finding(
             FindingKind.GAMMA,
-            "projector or camera does not answer in proportion to light",
+            "projector or camera does not respond in proportion to light",
             f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}): second harmonic {second:+.1%} of the first, "
             f"third {third:+.1%}",
             cost,
-            "switch gamma off in projector and camera, or take four steps; commission, verify, reconstruct undo it",
+            "switch gamma off in projector and camera, or take four frames; commission, verify, reconstruct correct it",
         )
 
 
@@ -100,7 +100,7 @@ def contrast(evidence: Evidence) -> Iterator[Finding]:
     if ratio < evidence.limits.contrast:
         yield Finding(
             FindingKind.DEFOCUS,
-            "the fringes are weak against their background: out of focus, or drowned in other light",
+            "the fringes are weak against their background: out of focus, or too much other light",
             f"modulation is {ratio:.0%} of the background, where a sharp slide gives 60 to 90 %",
             float(np.median(map_.sigma[use])) if use.any() else None,
             "focus the projector on the plate, shade the room light",

@@ -1,4 +1,4 @@
-"""Steps that are not as stated or not the same all over, and fringes too short or too long to be measured."""
+"""Phase shifts that are not as stated or not the same all over, and fringes too short or too long to be measured."""
 
 from collections.abc import Iterator
 
@@ -10,34 +10,34 @@ from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
 
-def wrong_steps(evidence: Evidence) -> Iterator[Finding]:
-    """Find steps that are not as stated, or that change over the field."""
-    steps = evidence.steps
-    if steps is None:
+def wrong_phase_shifts(evidence: Evidence) -> Iterator[Finding]:
+    """Find phase shifts that are not as stated, or that change over the field."""
+    phase_shifts = evidence.phase_shifts
+    if phase_shifts is None:
         return
-    error = phase_error(steps.stated_rad, true_steps_rad=steps.steps_rad)
-    worst = int(np.abs(steps.errors_rad).argmax())
-    sure = abs(steps.errors_rad[worst]) > steps.coverage(RARE) * steps.u_rad[worst]
-    if sure and ripple_rms(error) > evidence.limits.steps_rad:
-        found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(steps.steps_rad))
+    error = phase_error(phase_shifts.stated_rad, true_phase_shifts_rad=phase_shifts.phase_shifts_rad)
+    worst = int(np.abs(phase_shifts.errors_rad).argmax())
+    sure = abs(phase_shifts.errors_rad[worst]) > phase_shifts.coverage(RARE) * phase_shifts.u_rad[worst]
+    if sure and ripple_rms(error) > evidence.limits.phase_shifts_rad:
+        found = ", ".join(f"{angle:.2f}" for angle in np.rad2deg(phase_shifts.phase_shifts_rad))
         yield Finding(
-            FindingKind.WRONG_STEPS,
-            f"the frames' steps are {found} deg",
-            f"up to {np.rad2deg(steps.errors_rad[worst]):+z.2f} deg (u {np.rad2deg(steps.u_rad[worst]):.2f}) "
-            "from those stated",
+            FindingKind.WRONG_PHASE_SHIFTS,
+            f"the frames' phase shifts are {found} deg",
+            f"up to {np.rad2deg(phase_shifts.errors_rad[worst]):+z.2f} deg "
+            f"(u {np.rad2deg(phase_shifts.u_rad[worst]):.2f}) from those stated",
             ripple_rms(error),
-            "state the found steps; or set the mirror more finely",
+            "state the found phase shifts; or set the mirror more finely",
         )
     height, width = evidence.map.phase.shape
-    change = steps.field_change_rad_px((height, width))
+    change = phase_shifts.field_change_rad_px((height, width))
     largest = float(np.abs(change * [width, height]).max())
     if largest > evidence.limits.change_rad:
         yield Finding(
-            FindingKind.UNEVEN_STEPS,
-            "a step is not the same all over the field: the fringes turned or stretched as they were moved",
+            FindingKind.UNEVEN_PHASE_SHIFTS,
+            "a phase shift is not the same all over the field: the fringes turned or stretched as they were moved",
             f"{np.rad2deg(largest):.2f} deg from edge to edge",
             largest / 2 / np.sqrt(6),
-            "set the mirror more finely; commission, verify and reconstruct undo what is linear over the field",
+            "set the mirror more finely; commission, verify and reconstruct correct what is linear over the field",
         )
 
 
@@ -60,7 +60,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
     elif length / period.period_px < evidence.limits.fringes:
         yield Finding(
             FindingKind.LONG_FRINGES,
-            "there are few fringes in the picture: a height moves the phase little",
+            "there are few fringes in the picture: the phase changes little with height",
             f"{period.period_px:.0f} px per fringe, {length / period.period_px:.1f} fringes in the picture",
             None,
             "use a finer slide; keep this one for the fringe order",

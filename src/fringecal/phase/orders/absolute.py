@@ -17,7 +17,7 @@ _WRONG_SHARE = 1e-4  # of the largest piece, at either end of its range, that ma
 
 @dataclass(frozen=True)
 class EdgeRules:
-    """Where a surface ends, for what hangs together to be counted.
+    """Where a surface ends, for what is connected to be counted.
 
     Parameters
     ----------
@@ -57,8 +57,8 @@ class AbsolutePhase:
     fringes
         Fringes from the least to the largest.
     in_one_cycle
-        True if the picture holds no more fringes than the periods tell apart: every pixel then stands for itself.
-        If not, only what hangs together with the largest piece is counted.
+        True if the picture holds no more fringes than the periods distinguish: every pixel then stands for itself.
+        If not, only what is connected with the largest piece is counted.
     undecided
         Share of the pixels with an order whose cycle is open.
     """
@@ -73,13 +73,13 @@ class AbsolutePhase:
         if self.in_one_cycle:
             return f"{self.fringes:.1f} fringes in the picture, within one cycle: every pixel is decided by itself"
         return (
-            f"{self.fringes:.1f} fringes in the picture, more than one cycle: {self.undecided:.2%} of the pixels do "
-            "not hang together with the largest piece and stay undecided by whole cycles; add a longer period"
+            f"{self.fringes:.1f} fringes in the picture, more than one cycle: {self.undecided:.2%} of the pixels "
+            "are not connected with the largest piece and stay undecided by whole cycles; add a longer period"
         )
 
 
 def pieces_in_cycles(phase: NDArray[np.floating], cycle: int, *, edges: EdgeRules = EDGE_RULES) -> Unwrapped:
-    """Return the pieces that hang together, each without jumps of whole cycles.
+    """Return the pieces that are connected, each without jumps of whole cycles.
 
     Parameters
     ----------

@@ -127,7 +127,7 @@ def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayR
     found = np.concatenate(changes)
     if found.size < rules.least_edges:
         raise PhaseError(
-            f"the Gray code goes on by one at {found.size} pixels only: check that its frames show the same scene, "
+            f"the Gray code increases by one at {found.size} pixels only: check that its frames show the same scene, "
             "the coarsest bit first"
         )
     return found, np.concatenate(phases)
@@ -164,8 +164,8 @@ def _mean_angle(phase: NDArray, rules: GrayRules) -> float:
     mean = np.mean(np.exp(1j * phase))
     if abs(mean) < rules.least_agreement:
         raise PhaseError(
-            "the Gray code goes on at any phase of the fringes: check that both were taken of one scene, and the order "
-            "of the code's frames (the coarsest bit first)"
+            "the Gray code increases at any phase of the fringes: check that both were taken of one scene, and the "
+            "order of the code's frames (the coarsest bit first)"
         )
     return float(np.angle(mean))
 

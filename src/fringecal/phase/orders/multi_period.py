@@ -1,4 +1,4 @@
-"""Fringe orders from sets of several periods: every pixel decides for itself, and doubtful ones ask their neighbours.
+"""Fringe orders from sets of several periods: every pixel decides for itself, and uncertain ones by their neighbours.
 
 One rule holds the known ones: of all fringes that the shortest period may be in, the one is chosen at which all longer
 periods agree best. With a longest fringe over the whole field that is hierarchical unwrapping, with two periods
@@ -50,7 +50,7 @@ class OrderRules:
         the stated uncertainty makes 4.
     model_rad
         Standard uncertainty of each longer phase beside noise, rad: what is left of ripple when phase shifts and gamma
-        are undone (0.001 to 0.02 rad, docs/phase.md).
+        are corrected (0.001 to 0.02 rad, docs/phase.md).
     most_model
         Share of the distance between two orders that further ripple, as the pictures show it, may add to the
         uncertainty; more, and the orders' own distance would be taken for ripple.
@@ -117,13 +117,13 @@ class FringeOrders:
         """Say how orders were decided, and how surely."""
         if not self.ratios:
             return (
-                f"orders by Gray code of {self.cycle} fringes; beside its edges {self.asked:.2%} of the pixels asked "
-                f"their neighbours; {self.undecided:.2%} stay undecided"
+                f"orders by Gray code of {self.cycle} fringes; beside its edges {self.asked:.2%} of the pixels were "
+                f"decided with their neighbours; {self.undecided:.2%} stay undecided"
             )
         share = "less than 1e-9" if self.error_rate < 1e-9 else f"{self.error_rate:.2g}"
         return (
             f"orders by {len(self.ratios) + 1} periods, known within {self.cycle} fringes; noise would make "
-            f"{share} of them wrong, so {self.asked:.2%} of the pixels asked their neighbours; "
+            f"{share} of them wrong, so {self.asked:.2%} of the pixels were decided with their neighbours; "
             f"{self.undecided:.2%} stay undecided"
         )
 
@@ -178,7 +178,7 @@ def plate_number(orders: FringeOrders, plate_rad: ArrayLike) -> int | None:
     Returns
     -------
     int or None
-        None unless 200 pixels or more are of one mind, and three times as many as of any other.
+        None unless 200 pixels or more agree, and three times as many as on any other.
     """
     turns = (np.asarray(plate_rad) - orders.phase) / TURN
     near = np.rint(turns)
@@ -198,7 +198,7 @@ def cycle_of(ratios: ArrayLike) -> int:
 
     Notes
     -----
-    Fringes are told apart by the phases `2 pi ratio n` of the longer ones. The cycle is the first n at which
+    Fringes are distinguished by the phases `2 pi ratio n` of the longer ones. The cycle is the first n at which
     these come back to within 0.04 of a turn, and twice as close as at any n before.
 
     Raises
@@ -253,15 +253,15 @@ def decide_orders(
     PhaseError
         Fewer than two periods, two that are equal, or periods that the pictures contradict.
     """
-    maps, doubts = np.asarray(phases, np.float32), np.asarray(sigmas, np.float32)
+    maps, u_maps = np.asarray(phases, np.float32), np.asarray(sigmas, np.float32)
     lengths = np.asarray(periods, np.float64)
-    _demand(maps, doubts, lengths)
+    _demand(maps, u_maps, lengths)
     fine = int(np.argmin(lengths))
     others = [k for k in range(len(lengths)) if k != fine]
     ratios = lengths[fine] / lengths[others]
     cycle = cycle_of(ratios)
-    phi, sigma = maps[fine], doubts[fine]
-    long, u_long = np.ascontiguousarray(maps[others]), _combined(doubts[others], sigma, ratios, rules)
+    phi, sigma = maps[fine], u_maps[fine]
+    long, u_long = np.ascontiguousarray(maps[others]), _combined(u_maps[others], sigma, ratios, rules)
     zeros = np.array([_zero(phi, *pair, rules) for pair in zip(long, u_long, ratios, strict=True)])
     u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths, rules)
     order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, rules.clear, rules.most_misfit)
@@ -280,20 +280,20 @@ def decide_orders(
     )
 
 
-def _demand(maps: NDArray, doubts: NDArray, periods: NDArray) -> None:
+def _demand(maps: NDArray, u_maps: NDArray, periods: NDArray) -> None:
     """Refuse what does not fit together."""
-    if maps.ndim != 3 or maps.shape != doubts.shape or len(maps) != periods.size or periods.size < 2:
+    if maps.ndim != 3 or maps.shape != u_maps.shape or len(maps) != periods.size or periods.size < 2:
         raise PhaseError(
-            f"found phases of shape {maps.shape}, sigmas {doubts.shape} and {periods.size} periods; needed: one map "
+            f"found phases of shape {maps.shape}, sigmas {u_maps.shape} and {periods.size} periods; needed: one map "
             "of each for each of two periods or more"
         )
     if not (periods > 0).all() or np.unique(periods).size < periods.size:
         raise PhaseError(f"found periods {periods.tolist()}; needed: positive and all different")
 
 
-def _combined(doubts: NDArray, sigma: NDArray, ratios: NDArray, rules: OrderRules) -> NDArray[np.float32]:
+def _combined(u_maps: NDArray, sigma: NDArray, ratios: NDArray, rules: OrderRules) -> NDArray[np.float32]:
     """Return the uncertainty of each longer phase against what the shortest says of it, (K - 1, H, W)."""
-    rows = [np.sqrt(d**2 + (r * sigma) ** 2 + rules.model_rad**2) for d, r in zip(doubts, ratios, strict=True)]
+    rows = [np.sqrt(d**2 + (r * sigma) ** 2 + rules.model_rad**2) for d, r in zip(u_maps, ratios, strict=True)]
     return np.asarray(rows, np.float32)
 
 
@@ -321,8 +321,9 @@ def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders 
     left = _own_misfit(fine, coarse, np.hypot(u, more[:, None]), ratios, zeros, cycle)
     if left > rules.wrong_periods:
         raise PhaseError(
-            f"the pictures do not fit the stated periods {periods.tolist()}: the longer fringes lie beside where the "
-            f"shortest put them by {np.sqrt(misfit):.1f} standard uncertainties. Check the order of periods and images."
+            f"the pictures do not fit the stated periods {periods.tolist()}: the phases of the longer "
+            f"fringes deviate by {np.sqrt(misfit):.1f} standard uncertainties from what the shortest predict. Check "
+            "the order of periods and images."
         )
     return np.hypot(u_long, more[:, None, None]).astype(np.float32)
 

@@ -10,14 +10,14 @@ _FAR_BETTER = 4.0  # times the best order's misfit over the window that the seco
 _MOST_OF_ONE = 9.0  # of one neighbour, three standard uncertainties: beyond an edge it fits no order of this side
 _OWN = 1e9  # a pixel's own misfit is not limited
 _SHARED = 0.2  # of a pixel's allowance that each neighbour adds: their noise averages, a common ripple does not
-_REACH = 2  # px to each side that a doubtful pixel asks: 25 px, whose noise is a fifth of one's
+_REACH = 2  # px to each side that are averaged for an uncertain pixel: 25 px, whose noise is a fifth of one's
 _LEAST_NEIGHBOURS = 3  # of eight, within half a fringe: at a straight edge five are of the same surface
 _LEAST_LEAD = 2  # votes: a lead of one is one noisy pixel
 
 
 @njit(inline="always")
 def _misfit(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyped-def]
-    """Return the misfit of order n at a pixel; a longer fringe that is masked has no say."""
+    """Return the misfit of order n at a pixel; a longer fringe that is masked does not count."""
     total = 0.0
     for k in range(ratios.size):
         off = long[k, i, j] - ratios[k] * (phi + TURN * n) - zeros[k]
@@ -104,7 +104,7 @@ def alone(absolute, cycle_rad):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def hang_together(absolute, cycle_rad, most_rad):  # type: ignore[no-untyped-def]
-    """Label what hangs together by steps of less than `most_rad`, and count whole cycles along it.
+    """Label what is connected by steps of less than `most_rad`, and count whole cycles along it.
 
     Returns the phase, continuous within each piece, float64, and labels from 1 in raster order; 0 is masked.
     """

@@ -88,7 +88,7 @@ def demodulate_lines(image: ArrayLike, *, along: Along | None = None) -> LineCar
     frequency, _, share = peaks[best]
     if share < _PEAK_SHARE:
         raise PhaseError(
-            "no fringes found in the picture: along neither rows nor columns does one period stand out "
+            "no fringes found in the picture: neither rows nor columns have one dominant period "
             f"({100 * share:.0f} % of the power, {100 * _PEAK_SHARE:.0f} % needed). Take the picture by the "
             "projector's light, with fringes on the plate."
         )

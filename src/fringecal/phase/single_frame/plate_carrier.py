@@ -1,4 +1,4 @@
-"""The plate's smooth phase in one picture that also shows strips: two levels that a comb tells apart.
+"""The plate's smooth phase in one picture that also shows strips: two levels that a comb distinguishes.
 
 On bare plate and on strip tops the phase is smooth, with a step between the two. Which level is the plate's cannot be
 seen in the phase alone: both are offered.
@@ -31,12 +31,12 @@ _RIDGE = 1e-3  # added to normal equations whose weights sum to thousands: terms
 
 @dataclass(frozen=True)
 class LevelSearch:
-    """How the two levels of phase, plate and strip tops, are told apart and followed over the picture.
+    """How the two levels of phase, plate and strip tops, are distinguished and followed over the picture.
 
     Parameters
     ----------
     places
-        Where, as shares of the picture across the fringes, they are first told apart, in turn.
+        Where, as shares of the picture across the fringes, they are first distinguished, in turn.
     reach_periods
         Half width of the region about such a place, in fringe periods: a few strips.
     growth
@@ -45,7 +45,7 @@ class LevelSearch:
         In the region, below which there is one level.
     directions, rounds
         Starts, evenly over half a turn, and iterations of the division into two levels.
-    least_step_rad
+    least_difference_rad
         Between the levels, rad; nearer ones are one level with noise.
     cut_share, cut_rad
         Residual from which a pixel is on the other level: this share of the step, within these limits, rad.
@@ -59,7 +59,7 @@ class LevelSearch:
     least_pixels: int = 50
     directions: int = 12
     rounds: int = 8
-    least_step_rad: float = 0.4
+    least_difference_rad: float = 0.4
     cut_share: float = 0.45
     cut_rad: tuple[float, float] = (0.25, 1.2)
     plate_cut_rad: float = 1.2
@@ -99,7 +99,7 @@ def fringed(carrier: LineCarrier) -> Mask:
 def plate_phases(
     carrier: LineCarrier, valid: Mask, *, search: LevelSearch = LEVEL_SEARCH, seed: int = DRAW_SEED
 ) -> Iterator[SmoothPhase]:
-    """Offer the smooth phases that may be the plate's: both levels, as told apart at several places.
+    """Offer the smooth phases that may be the plate's: both levels, as distinguished at several places.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def plate_phases(
     valid
         Pixels that carry fringes.
     search
-        How the levels are told apart.
+        How the levels are distinguished.
     seed
         Of the draw of pixels that are fitted.
 
@@ -229,7 +229,7 @@ def _two_levels(signal: NDArray[np.complex128], search: LevelSearch) -> tuple[fl
         if gathered > best[0]:
             best = gathered, tuple(float(np.angle(m)) for m in means)
     one, other = best[1]
-    if abs(wrap(one - other)) < search.least_step_rad:
+    if abs(wrap(one - other)) < search.least_difference_rad:
         return (float(np.angle(signal.mean())),)
     return one, other
 

@@ -1,4 +1,4 @@
-"""Which regions of a phase map hang together: both sides of a border are continued to it and must meet there.
+"""Which regions of a phase map are connected: both sides of a border are continued to it and must meet there.
 
 Two surfaces that touch, at a fold, meet in one phase, however steep they are. Over an edge the phases differ by
 anything, and by whole fringes only by chance, which no single picture can tell from touching.
@@ -175,7 +175,7 @@ def join_regions(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.i
     Returns
     -------
     orders, groups
-        For every label the fringes to be added, and the number of the group that it hangs together with.
+        For every label the fringes to be added, and the number of the group that it is connected with.
     """
     number = int(labels.max())
     orders = np.zeros(number + 1, dtype=np.int64)

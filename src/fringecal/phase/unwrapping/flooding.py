@@ -121,7 +121,7 @@ def drop_crumbs(pieces, number, least):  # type: ignore[no-untyped-def]
 
 @njit(inline="always")
 def _at_open_side(labels, phase, v, u):  # type: ignore[no-untyped-def]
-    """Tell whether a neighbour has phase and no label."""
+    """Return whether a neighbour has phase and no label."""
     height, width = labels.shape
     for dv, du in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         y, x = v + dv, u + du

@@ -31,7 +31,7 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
     Returns
     -------
     Unwrapped
-        `pieces` numbers what hangs together: the order of one piece against another is open.
+        `pieces` numbers what is connected: the order of one piece against another is open.
 
     Notes
     -----

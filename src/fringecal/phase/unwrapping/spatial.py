@@ -19,7 +19,7 @@ _FAST = {"nsz", "contract"}  # NaN marks masked pixels and must survive
 _CLASSES = (0.5, 0.7, 0.85, 0.96, 0.98, 0.99, 0.995, 0.9975)
 """Shares of the pixels, the best first, that part the classes.
 
-The first must lie below 0.59, where random pixels of a square lattice hang together: above it, joining one class in
+The first must lie below 0.59, where random pixels of a square lattice are connected: above it, joining one class in
 raster order would join the whole picture, across edges too.
 """
 _SAMPLE_PIXELS = 20_000  # that the shares are taken from: the share of 0.5 is then met to 0.4 %

@@ -1,4 +1,4 @@
-"""Table 3.6: the angle that measured positions of lamp, mirror and camera ask for; and where the lamp really stands."""
+"""The projection angle by theory, from stated positions; and the displacement of the projector from its stated one."""
 
 import math
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
-LAMP_CHANCE = 0.05  # a displacement that chance explains less often than this is found
+DISPLACEMENT_PROBABILITY = 0.05  # a displacement that chance explains less often than this is found
 _ALONG = 0.71  # share of a coordinate in the line's direction beyond which the line runs along it: cos 45 deg
 _SURE = 2.0  # standard uncertainties, 95 %, by which a coordinate must differ to be named by itself
 _UNSEEN_MM2 = 1e12  # variance put along the line, (1 km)^2: whatever lies that way is never the surest direction
@@ -26,13 +26,13 @@ _WORDS = (("right", "left"), ("up", "down"), ("higher", "lower"))
 
 @dataclass(frozen=True)
 class Displacement:
-    """How far the projector found stands from where it is said to stand.
+    """Displacement of the projector: position found minus stated position.
 
     Parameters
     ----------
     found_mm
         Point of the projector's line nearest to the stated position: along the line, which runs along the fringes,
-        nothing can be said.
+        the position is not determined.
     difference_mm
         Found minus stated, plate frame.
     covariance
@@ -51,8 +51,8 @@ class Displacement:
 
     @property
     def agrees(self) -> bool:
-        """Tell whether chance explains the difference, at 5 %."""
-        return self.probability >= LAMP_CHANCE
+        """Whether chance explains the difference, at 5 %."""
+        return self.probability >= DISPLACEMENT_PROBABILITY
 
     @property
     def u_mm(self) -> Array:
@@ -60,20 +60,21 @@ class Displacement:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def sentence(self) -> str:
-        """Say plainly whether the lamp stands where it is said to stand, and if not, how far off and which way."""
+        """State whether the projector is where it is stated to be; if not, by how much and which way it deviates."""
         chance = f"chance {self.probability:.2g}"
         if self.agrees:
-            return f"The measured geometry agrees with the stated position of the lamp ({chance})."
+            return f"The measured geometry agrees with the stated position of the projector ({chance})."
         seen = [i for i in range(3) if abs(self.line[i]) < _ALONG]
         sure = [i for i in seen if abs(self.difference_mm[i]) > _SURE * self.u_mm[i]]
         if sure:
             parts = " and ".join(_named(i, self.difference_mm[i], self.u_mm[i]) for i in sure)
-            return f"The lamp stands {parts} than stated ({chance}); or the strips' height is not as stated."
+            return f"The projector stands {parts} than stated ({chance}); or the strips' height is not as stated."
         size, axis = self._surest()
         parts = " or ".join(f"{abs(size / axis[i]):.0f} mm {_word(i, size * axis[i])}" for i in _largest(axis))
         return (
-            f"The lamp stands about {abs(size):.0f} mm off across its line to the plate: about {parts} than stated, "
-            f"which of the two the breaks cannot tell ({chance}); or the strips' height is not as stated."
+            f"The projector stands about {abs(size):.0f} mm from its stated position, across its line to the plate: "
+            f"about {parts} than stated, which of the two the breaks do not determine ({chance}); or the strips' "
+            "height is not as stated."
         )
 
     def _surest(self) -> tuple[float, Array]:
@@ -94,7 +95,7 @@ def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Disp
     """
     point, line = projector_line(calibration.model.parameters)
     if not np.all(np.isfinite(point)) or not np.all(np.isfinite(line)):
-        raise FitError("The light is parallel as far as the plate tells: the projector has no position to compare.")
+        raise FitError("The light is parallel within the uncertainty: the projector has no position to compare.")
     found = _nearest(point, line, stated.value_mm)
     across = np.eye(3) - np.outer(line, line)
     effects = [
@@ -137,13 +138,15 @@ def projector_estimates(calibration: RigCalibration, stated: ProjectorPosition |
     return tuple(e if seen else Estimate(e.value, float(u), "mm", f"{e.label}, stated") for e, seen, u in kinds)
 
 
-def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, normal: ArrayLike) -> ProjectorPosition:
-    """Return where a plane mirror makes the lamp appear to stand.
+def reflected_source(
+    projector: ProjectorPosition, mirror_point: ProjectorPosition, normal: ArrayLike
+) -> ProjectorPosition:
+    """Return where a plane mirror makes the projector appear to stand.
 
     Parameters
     ----------
-    lamp
-        The lamp's (the slide projector's) position, plate frame.
+    projector
+        The projector's own position, plate frame.
     mirror_point
         Any point of the mirror's surface; its uncertainty along the normal counts twice.
     normal
@@ -160,9 +163,9 @@ def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, n
 
     Examples
     --------
-    >>> lamp = ProjectorPosition(np.array([0.0, 200.0, 1000.0]), np.full(3, 2.0))
+    >>> projector = ProjectorPosition(np.array([0.0, 200.0, 1000.0]), np.full(3, 2.0))
     >>> mirror = ProjectorPosition(np.array([0.0, 700.0, 1000.0]), np.full(3, 2.0))
-    >>> reflected_source(lamp, mirror, (0, 1, 0)).value_mm
+    >>> reflected_source(projector, mirror, (0, 1, 0)).value_mm
     array([   0., 1200., 1000.])
     """
     n = np.asarray(normal, float)
@@ -170,8 +173,8 @@ def reflected_source(lamp: ProjectorPosition, mirror_point: ProjectorPosition, n
         raise FitError(f"the mirror's normal {np.asarray(normal).tolist()} has no direction; three numbers are needed")
     n = n / np.linalg.norm(n)
     turn = np.eye(3) - 2 * np.outer(n, n)
-    value = turn @ lamp.value_mm + 2 * float(mirror_point.value_mm @ n) * n
-    covariance = turn @ np.diag(lamp.u_mm**2) @ turn.T
+    value = turn @ projector.value_mm + 2 * float(mirror_point.value_mm @ n) * n
+    covariance = turn @ np.diag(projector.u_mm**2) @ turn.T
     covariance += 4 * float((mirror_point.u_mm * n) @ (mirror_point.u_mm * n)) * np.outer(n, n)
     return ProjectorPosition(value, np.sqrt(np.diag(covariance)))
 

@@ -177,7 +177,7 @@ def gather_centres(
     zones
         Map of zones, see `FringePoints`; `NOWHERE` where pixels do not count.
     independent_px
-        Length along a fringe over which the centres' errors hang together.
+        Length along a fringe over which the centres' errors are correlated.
     tolerance_rad
         A centre whose coarse phase is further off is no fringe's.
     """

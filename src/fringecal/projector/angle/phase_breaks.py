@@ -91,7 +91,7 @@ def _shift_px(model: RigModel, camera: PlateCamera, surface: PhasePoints, u: Arr
 
 
 def runs_along_rows(model: RigModel, camera: PlateCamera) -> bool:
-    """Tell whether the fringes run along the picture's rows rather than its columns."""
+    """Return whether the fringes run along the picture's rows rather than its columns."""
     u, v = camera.centre_px
     rays = camera.rays(np.array([u, u + 1, u]), np.array([v, v, v + 1]))
     phase = model.phase(rays.ax, rays.ay, 0.0)

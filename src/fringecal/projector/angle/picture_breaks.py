@@ -78,7 +78,7 @@ def picture_breaks(
     estimator
         "ridge": sub-pixel centres of bright and dark fringes; "skeleton": the thesis's thinned lines.
     projector_mm
-        Where the projector is said to stand: decides the fringe order where the picture alone leaves it open.
+        The stated position of the projector: decides the fringe order where the picture alone leaves it open.
     progress
         Called with a short sentence before each step.
 
@@ -144,7 +144,7 @@ def _demand_agreement(calibration: RigCalibration, ordered: OrderedStrips) -> No
     fitted = math.degrees(float(projection_angle(calibration.model, 0.0, 0.0)))
     if abs(fitted - coarse) > _ASTRAY_DEG:
         raise FitError(
-            f"the breaks ask for an angle of {fitted:.1f} deg, the phase between them for {coarse:.1f} deg: there are "
+            f"the fringe breaks give an angle of {fitted:.1f} deg, the phase between them {coarse:.1f} deg: there are "
             "too few fringes or strips in the picture to fit a rig. Use finer fringes, more strips, or phase-shifted "
             "pictures."
         )

@@ -50,7 +50,7 @@ def strips_in_picture(
     camera
         The camera on the plate.
     projector_mm
-        Where the projector is said to stand: only tells why strips do not show.
+        The stated position of the projector: only tells why strips do not show.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def strips_in_picture(
     if sure:
         return
     if not unsure:
-        reason = DetectionError(f"in this one picture the strips cannot be told from the plate: {errors[0]}")
+        reason = DetectionError(f"in this one picture the strips cannot be distinguished from the plate: {errors[0]}")
         height = float(np.mean(target.height_mm.array(target.count)))
         raise explained(reason, np.where(valid, tried[0].map(), np.nan), camera, height, projector_mm)
     for _, found in sorted(unsure, key=lambda one: -one[0]):

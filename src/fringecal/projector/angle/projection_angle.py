@@ -25,7 +25,7 @@ digits, so that four lead from one digit to all that float64 has."""
 
 @dataclass(frozen=True)
 class ProjectorPosition:
-    """Where the projector is said to stand: plate frame, mm, with standard uncertainties."""
+    """The stated position of the projector: plate frame, mm, with standard uncertainties."""
 
     value_mm: Array
     u_mm: Array
@@ -107,7 +107,7 @@ class OriginAngles:
     def sentence(self) -> str:
         """Say plainly whether the measured geometry agrees with the stated one."""
         if self.theory is None or self.en is None:
-            return "The session states no projector position: the angle has nothing to be compared with."
+            return "The session states no projector position: the angle cannot be compared with a theoretical one."
         difference = self.angle.value - self.theory.value
         if abs(self.en) <= 1:
             return f"The measured geometry agrees with the stated one ({difference:+z.2f} deg, En {self.en:+z.2f})."

@@ -1,8 +1,8 @@
-"""Decide the fringe order of the strips' phase step: by evidence, never by assumption.
+"""Decide the fringe order of the strips' phase difference: by evidence, never by assumption.
 
 A wrapped step is known up to 2 pi k. The plate alone fixes five of the rig's seven numbers; each k then asks for
 the other two, and so puts the projector elsewhere. At most one place is likely: above the plate, lighting it from
-its own side, looking at the picture, in agreement with all strips and with where it is said to stand.
+its own side, looking at the picture, in agreement with all strips and with where it is stated to stand.
 """
 
 import math
@@ -59,7 +59,7 @@ def decide_order(
     strips
         Pieces of strip tops; within each the phase is continuous, its own multiple of 2 pi is open.
     projector_mm
-        Where the projector is said to stand; its predicted step then has a vote.
+        The stated position of the projector; its predicted phase difference then counts.
     orders
         Orders of the largest piece to try; by default every one that keeps the angle below 78 deg.
     measured
@@ -73,7 +73,7 @@ def decide_order(
     pieces = (strips,) if isinstance(strips, PhasePoints) else tuple(strips)
     candidates = judge_orders(plate, pieces, projector_mm=projector_mm, orders=orders, measured=measured)
     if not candidates:
-        raise FitError("No fringe order of the strips gives a rig at all: check strips, reference and steps.")
+        raise FitError("No fringe order of the strips gives a rig: check strips, reference and phase shifts.")
     if projector_mm is not None:
         return _by_theory(candidates)
     return _by_possibility(candidates)
@@ -83,8 +83,9 @@ def _by_theory(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
     best = min(candidates, key=lambda c: abs(c.predicted_difference_rad))
     if abs(best.predicted_difference_rad) > _CLOSE:
         raise FitError(
-            f"The stated projector position predicts a phase step that is {best.predicted_difference_rad:+z.2f} rad "
-            "off the nearest fringe order: position, strip height or pitch of the grid is wrong."
+            "The stated projector position predicts a phase difference that deviates by "
+            f"{best.predicted_difference_rad:+z.2f} rad from the nearest fringe order: position, strip height or pitch "
+            "of the grid is wrong."
         )
     if not best.likely:
         raise FitError(
@@ -100,7 +101,9 @@ def _by_theory(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
             f"fit order {rival.order} far better ({_described(rival)}). Check the projector's position, the strips' "
             "height and that both captures are of one rig."
         )
-    reason = f"stated projector position, step predicted within {abs(best.predicted_difference_rad):.2f} rad"
+    reason = (
+        f"stated projector position, phase difference predicted within {abs(best.predicted_difference_rad):.2f} rad"
+    )
     return OrderDecision(best.order, reason, candidates, best.orders)
 
 
@@ -109,7 +112,7 @@ def _by_possibility(candidates: tuple[OrderCandidate, ...]) -> OrderDecision:
     if not likely:
         raise FitError(
             "No fringe order of the strips puts the projector above the plate and looking at it. Check that strips "
-            "and reference were taken with the same lamp position and that the target's height is right."
+            "and reference were taken with the projector at the same position and that the target's height is right."
         )
     best = min(likely, key=lambda c: c.block_rms_rad)
     others = [c for c in likely if c is not best]

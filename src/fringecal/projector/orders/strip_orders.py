@@ -51,13 +51,13 @@ class OrderedStrips:
 class MeasuredStep:
     """Phase over the bare plate's as several fringe periods give it, rad, (H, W), and its cycle in fringes."""
 
-    step_rad: Array
+    difference_rad: Array
     cycle: int
 
     def order(self, strips: StripPhase, number: int) -> tuple[int, int] | None:
-        """Return the order that a piece of strips lacks, and the cycle; None if its pixels are not of one mind."""
+        """Return the order that a piece of strips lacks, and the cycle; None if its pixels disagree."""
         inside = strips.pieces == number
-        turns = (self.step_rad[inside] - strips.plate_drift_rad - strips.step_rad[inside]) / (2 * np.pi)
+        turns = (self.difference_rad[inside] - strips.plate_drift_rad - strips.difference_rad[inside]) / (2 * np.pi)
         votes = np.bincount(np.rint(turns[np.isfinite(turns)]).astype(np.int64) % self.cycle, minlength=1)
         agreed = votes.max() > _AGREED * np.count_nonzero(inside)
         return (int(votes.argmax()), self.cycle) if agreed else None
@@ -78,11 +78,11 @@ def order_strips(
     plate_phase
         Map of the unwrapped phase of the bare plate, rad, NaN where unknown.
     strips
-        The strips' phase step.
+        The strips' phase difference.
     camera
         The camera on the plate.
     projector_mm
-        Where the projector is said to stand.
+        The stated position of the projector.
     measured
         The step as several fringe periods give it, where they were taken.
 
@@ -92,7 +92,7 @@ def order_strips(
         The order is open, or unequal strips fit as well the other way round.
     """
     plate = _sampled(plate_phase, np.isfinite(plate_phase), camera, 0.0, _PLATE_POINTS)
-    absolute = plate_phase + strips.step_rad
+    absolute = plate_phase + strips.difference_rad
     found: list[tuple[tuple[int, ...], OrderDecision]] = []
     errors: list[FitError] = []
     numbers = _usable(strips.pieces, absolute)

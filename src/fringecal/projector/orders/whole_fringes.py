@@ -34,7 +34,7 @@ def explained(
     height_mm
         Height of the strips.
     projector_mm
-        Where the projector is said to stand; without it nothing is predicted, and the error returned as it is.
+        The stated position of the projector; without it nothing is predicted, and the error returned as it is.
     """
     if projector_mm is None:
         return error

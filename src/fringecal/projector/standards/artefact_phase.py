@@ -94,7 +94,7 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
     Parameters
     ----------
     strips
-        The strips' phase step over the plate; they must all be of one height, or be told apart by their order.
+        The strips' phase difference to the plate; they must all be of one height, or be distinguished by their order.
     plate_phase_rad
         Map of the plate's unwrapped phase.
     calibration
@@ -110,7 +110,7 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
         raise FitError(
             "The strips differ in height and it is open which is which; use strips of one height as a second set."
         )
-    wrapped = plate_phase_rad + strips.step_rad
+    wrapped = plate_phase_rad + strips.difference_rad
     used: list[Observations] = []
     left_out: list[str] = []
     for label in strips.regions.seen:
@@ -168,12 +168,13 @@ def _height_map(facet: Facet, place: ArtefactPlace, calibration: RigCalibration)
     return np.where(inside, z, np.nan)
 
 
-def _demand_order(doubt_rad: float, middle: float, spread: Array) -> None:
+def _demand_order(u_rad: float, middle: float, spread: Array) -> None:
     """Refuse a surface whose order the rig cannot predict, or whose phase is not that of one surface."""
-    if _COVERAGE * doubt_rad + abs(middle) > _CLOSE:
+    if _COVERAGE * u_rad + abs(middle) > _CLOSE:
         raise FitError(
-            f"its fringe order is open: the phase lies {middle:+z.2f} rad off a prediction that is uncertain by "
-            f"{doubt_rad:.2f} rad (standard uncertainty); measure a lower surface too, or state its height better"
+            f"its fringe order is open: the phase deviates by {middle:+z.2f} rad from a prediction whose standard "
+            f"uncertainty is {u_rad:.2f} rad; measure a lower surface too, or state its height "
+            "better"
         )
     odd = float(np.mean(np.abs(spread) > NEAR_RAD))
     if odd > _MOST_ODD:

@@ -83,9 +83,9 @@ def place_artefact(
     best = replace(best, vote=_agreement(best, level, votes, lattice))
     if best.vote < _LEAST_VOTE:
         raise FitError(
-            f"The artefact is not to be seen: where it fits best, only {100 * max(best.vote, 0):.0f} % of its top "
-            f"shows the phase it must ({100 * _LEAST_VOTE:.0f} % are needed). Either its heights or those of the "
-            "strips are stated wrongly, or it is not in the picture, or lies in shadow."
+            f"The artefact was not found: where it fits best, only {100 * max(best.vote, 0):.0f} % of its top "
+            f"has the expected phase ({100 * _LEAST_VOTE:.0f} % are needed). Either its heights or those of the "
+            "strips are stated wrongly, or it is not in the picture, or it lies in shadow."
         )
     return best
 

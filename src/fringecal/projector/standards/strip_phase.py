@@ -1,4 +1,4 @@
-"""The strips' phase, pixel by pixel: which strip, how high, and its phase step over the plate."""
+"""The strips' phase, pixel by pixel: which strip, how high, and its phase difference to the plate."""
 
 from dataclasses import dataclass
 from itertools import product
@@ -24,25 +24,25 @@ _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or 
 
 @dataclass(frozen=True)
 class StripPhase:
-    """Strip tops with their phase step over the plate.
+    """Strip tops with their phase difference to the plate.
 
     Parameters
     ----------
     regions
         Which pixel is which strip, and where the edges are.
-    step_rad
+    difference_rad
         Phase of the strips minus phase of the bare plate, continuous within each piece, NaN elsewhere; every
         piece's own multiple of 2 pi is still open.
     pieces
-        Map: 0 nothing, 1.. the pieces of strip tops that hang together.
+        Map: 0 nothing, 1.. the connected pieces of strip tops.
     heights_mm
         Height of each strip of the target, one estimate per strip.
     plate_drift_rad
-        Median phase difference on the bare plate between the two captures, already taken off `step_rad`.
+        Median phase difference on the bare plate between the two captures, already taken off `difference_rad`.
     """
 
     regions: StripRegions
-    step_rad: Array
+    difference_rad: Array
     pieces: NDArray[np.int32]
     heights_mm: tuple[Estimate, ...]
     plate_drift_rad: float
@@ -114,8 +114,8 @@ def _demand_size(regions: StripRegions, target: Strips) -> None:
         return
     width = float(np.mean(target.width_mm.array(target.count)))
     raise FitError(
-        f"By the grid's millimetres the strips are {regions.size:.2f} times as wide and as far apart as their target "
-        f"says ({width * regions.size:.1f} mm wide instead of {width:g} mm): either the grid's pitch is in truth "
+        f"By the scale of the grid the strips are {regions.size:.2f} times as wide and as far apart as their target "
+        f"says ({width * regions.size:.1f} mm wide instead of {width:g} mm): either the grid's pitch is "
         f"{1 / regions.size:.2f} times what its target states, or the strips' widths and gaps are not as stated. "
         "Measure both with a ruler."
     )
@@ -147,7 +147,7 @@ def _plate_drift(step: Array, regions: StripRegions) -> float:
 def _moved(drift_rad: float) -> FitError:
     return FitError(
         f"On the bare plate beside the strips the phase differs by {drift_rad:+z.2f} rad from the reference "
-        "capture: plate, lamp or mirror moved between the two. Take reference and strips again without "
+        "capture: plate, projector or mirror moved between the two. Take reference and strips again without "
         "touching the rig."
     )
 

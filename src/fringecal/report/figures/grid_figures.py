@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
-from fringecal.camera import DistortionTest, cost_of_neglect_px
+from fringecal.camera import DistortionTest, effect_of_neglect_px
 from fringecal.detect import GridDetection, LineSection
 from fringecal.report.style import (
     BLUE,
@@ -171,7 +171,7 @@ def neglect_map(test: DistortionTest, shape: tuple[int, int], *, mm_per_px: floa
     """
     figure = new_figure(WIDTH_IN, 5.2)
     axes = figure.subplots()
-    error = cost_of_neglect_px(test) * (mm_per_px or 1.0)
+    error = effect_of_neglect_px(test) * (mm_per_px or 1.0)
     dots = axes.scatter(
         test.points_px[:, 0], test.points_px[:, 1], c=error, s=_dot_size(len(error)), cmap=HEIGHT_MAP, vmin=0.0
     )

@@ -138,7 +138,7 @@ def _ripple(axes: Axes, diagnosis: Diagnosis) -> None:
         _nothing(axes)
         return
     # N phase shifts turn harmonics N - 1 and N + 1 of the fringes into a ripple of order N.
-    n = len(diagnosis.steps.stated_rad) if diagnosis.steps is not None else 3
+    n = len(diagnosis.phase_shifts.stated_rad) if diagnosis.phase_shifts is not None else 3
     causes = _CAUSES | {n: "gamma"}
     orders, amplitudes = zip(*diagnosis.ripple_rad.items(), strict=True)
     places = range(len(orders))
@@ -170,7 +170,7 @@ def _wave(axes: Axes, diagnosis: Diagnosis) -> None:
 def _frames(axes: Axes, diagnosis: Diagnosis) -> None:
     """Draw by how much each frame differs from the stated one: phase shift and modulation."""
     axes.set_title("each frame")
-    steps = diagnosis.steps
+    steps = diagnosis.phase_shifts
     if steps is None:
         _nothing(axes)
         return

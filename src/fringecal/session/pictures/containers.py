@@ -1,4 +1,4 @@
-"""Tell whether a PNG, JPEG or BMP file is whole, and what it says of its bits and orientation.
+"""Return whether a PNG, JPEG or BMP file is whole, and what it says of its bits and orientation.
 
 Decoders are lenient: libjpeg fills the lower half of a truncated picture with grey and returns it as
 if nothing had happened. A measuring instrument cannot be; the container is walked before it is decoded.

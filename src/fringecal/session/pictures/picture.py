@@ -84,12 +84,12 @@ def decode(data: bytes) -> Picture:
 
 
 def _decode_by_opencv(data: bytes, kind: str) -> np.ndarray:
-    with _heard_on_stderr() as heard:
+    with _written_to_stderr() as written:
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
         except cv2.error:
             pixels = None
-    complaint = " ".join(heard).strip()
+    complaint = " ".join(written).strip()
     if pixels is None or (kind == "JPEG" and complaint):
         raise PictureError(f"damaged {kind}: {complaint[:160] or 'it cannot be decoded'}")
     if pixels.dtype not in (np.uint8, np.uint16):
@@ -146,20 +146,20 @@ def to_grey(pixels: np.ndarray, channel: str | None, white_level: int) -> np.nda
 
 
 @contextmanager
-def _heard_on_stderr() -> Iterator[list[str]]:
+def _written_to_stderr() -> Iterator[list[str]]:
     """Catch what native decoders write to file descriptor 2: libjpeg reports damage nowhere else."""
-    heard: list[str] = []
+    written: list[str] = []
     with _stderr_lock, tempfile.TemporaryFile() as catch:
         try:
             saved = os.dup(2)
         except OSError:  # a process without standard error has nothing to catch
-            yield heard
+            yield written
             return
         os.dup2(catch.fileno(), 2)
         try:
-            yield heard
+            yield written
         finally:
             os.dup2(saved, 2)
             os.close(saved)
             catch.seek(0)
-            heard.append(catch.read().decode(errors="replace"))
+            written.append(catch.read().decode(errors="replace"))

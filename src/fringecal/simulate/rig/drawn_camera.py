@@ -146,8 +146,8 @@ def _principal_point(spec: CameraSpec) -> Two:
 
 
 def _pose(spec: CameraSpec) -> tuple[tuple[Three, Three, Three], Three]:
-    lean = np.tan(np.radians(spec.tilt_deg))
-    position = spec.height_mm * np.array([lean[0], lean[1], 1.0])
+    slope = np.tan(np.radians(spec.tilt_deg))
+    position = spec.height_mm * np.array([slope[0], slope[1], 1.0])
     forward = -position / np.linalg.norm(position)
     right = np.array([1.0, 0.0, 0.0]) - forward[0] * forward
     right /= np.linalg.norm(right)

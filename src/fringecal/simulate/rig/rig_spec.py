@@ -80,7 +80,7 @@ class ProjectorSpec(_Part):
 
 
 class StepsSpec(_Part):
-    """Phase steps: what the session states, and what the mirror truly did.
+    """Phase shifts: what the session states, and what the mirror truly did.
 
     True step of frame n at pixel (u, v), in degrees: nominal + error + tilt_u (u - uc) / width
     + tilt_v (v - vc) / height: a mirror turned by hand moves near and far fringes by different amounts.
@@ -95,7 +95,9 @@ class StepsSpec(_Part):
         for name in ("error_deg", "tilt_deg"):
             found = len(getattr(self, name))
             if found not in (0, len(self.nominal_deg)):
-                raise ValueError(f"{name}: {found} values for {len(self.nominal_deg)} steps; give none or one each")
+                raise ValueError(
+                    f"{name}: {found} values for {len(self.nominal_deg)} phase shifts; give none or one each"
+                )
         return self
 
 

@@ -224,26 +224,26 @@ def _field_surface(field: np.ndarray, frame: Any, x: float, y: float) -> tuple[f
 
 
 @compiled
-def shadowed(world: World, surface: int, point: Triple, lamp: Triple) -> bool:
-    """Whether anything stands between a surface point and the lamp."""
-    if world.n_solids > 0 and _solid_between(world.planes, world.solids, surface, point, lamp):
+def shadowed(world: World, surface: int, point: Triple, source: Triple) -> bool:
+    """Whether anything stands between a surface point and the source."""
+    if world.n_solids > 0 and _solid_between(world.planes, world.solids, surface, point, source):
         return True
-    if world.n_spheres > 0 and _sphere_between(world.spheres, surface - 1 - world.n_faces, point, lamp):
+    if world.n_spheres > 0 and _sphere_between(world.spheres, surface - 1 - world.n_faces, point, source):
         return True
-    return world.has_field and _field_between(world.field, world.frame, point, lamp)
+    return world.has_field and _field_between(world.field, world.frame, point, source)
 
 
 @compiled
-def _solid_between(planes: np.ndarray, solids: np.ndarray, surface: int, point: Triple, lamp: Triple) -> bool:
+def _solid_between(planes: np.ndarray, solids: np.ndarray, surface: int, point: Triple, source: Triple) -> bool:
     x, y, z = point
-    dx, dy, dz = lamp[0] - x, lamp[1] - y, lamp[2] - z
+    dx, dy, dz = source[0] - x, source[1] - y, source[2] - z
     hidden = False
     for s in range(solids.shape[0]):
         # Above its top a solid shades nothing: look only at the part of the path below it.
         below = min(1.0, (solids[s, TOP] - z) / dz)
         beside_x = max(x, x + below * dx) < solids[s, X0] or min(x, x + below * dx) > solids[s, X1]
         beside_y = max(y, y + below * dy) < solids[s, Y0] or min(y, y + below * dy) > solids[s, Y1]
-        # A convex solid cannot shade a face of its own that is turned to the lamp.
+        # A convex solid cannot shade a face of its own that is turned to the source.
         own = solids[s, FIRST] < surface <= solids[s, LAST]
         if own or below <= 0 or beside_x or beside_y:
             continue
@@ -262,8 +262,8 @@ def _solid_between(planes: np.ndarray, solids: np.ndarray, surface: int, point: 
 
 
 @compiled
-def _sphere_between(spheres: np.ndarray, own: int, point: Triple, lamp: Triple) -> bool:
-    dx, dy, dz = lamp[0] - point[0], lamp[1] - point[1], lamp[2] - point[2]
+def _sphere_between(spheres: np.ndarray, own: int, point: Triple, source: Triple) -> bool:
+    dx, dy, dz = source[0] - point[0], source[1] - point[1], source[2] - point[2]
     a = dx * dx + dy * dy + dz * dz
     hidden = False
     for k in range(spheres.shape[0]):
@@ -275,8 +275,8 @@ def _sphere_between(spheres: np.ndarray, own: int, point: Triple, lamp: Triple) 
 
 
 @compiled
-def _field_between(field: np.ndarray, frame: Any, point: Triple, lamp: Triple) -> bool:
-    dx, dy, dz = lamp[0] - point[0], lamp[1] - point[1], lamp[2] - point[2]
+def _field_between(field: np.ndarray, frame: Any, point: Triple, source: Triple) -> bool:
+    dx, dy, dz = source[0] - point[0], source[1] - point[1], source[2] - point[2]
     length = np.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx / length, dy / length, dz / length
     rate = abs(dz) + frame[6] * np.hypot(dx, dy)

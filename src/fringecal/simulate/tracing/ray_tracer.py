@@ -82,7 +82,7 @@ def render(
     seed
         Seeds lamp flicker and sensor noise; the surfaces' texture has its own seed in the rig.
     light
-        One frame per phase step under projected fringes, or one picture by room light.
+        One frame per phase shift under projected fringes, or one picture by room light.
     noise
         Switch flicker, noise and rounding off: frames are then float64 grey levels, clipped at the
         white level.
@@ -118,7 +118,7 @@ def plate_points(rig: RigSpec) -> tuple[np.ndarray, np.ndarray]:
     return maps[0], maps[1]
 
 
-def true_steps_rad(steps: StepsSpec, width_px: int, height_px: int) -> np.ndarray:
+def true_phase_shifts_rad(steps: StepsSpec, width_px: int, height_px: int) -> np.ndarray:
     """Give true steps per frame in rad: at the image centre, and per px along u and v; shape (N, 3)."""
     n = len(steps.nominal_deg)
     step = np.array(steps.nominal_deg) + (np.array(steps.error_deg) if steps.error_deg else np.zeros(n))
@@ -141,12 +141,12 @@ def _refuse_grazing(rig: RigSpec) -> None:
         raise FringecalError(f"the projector at {rig.projector.position_mm} mm grazes the plate; raise it above 6 deg")
 
 
-def _fringe_light(rig: RigSpec, lamp: np.ndarray) -> Light:
+def _fringe_light(rig: RigSpec, brightness: np.ndarray) -> Light:
     light = rig.light
-    steps = true_steps_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
+    steps = true_phase_shifts_rad(rig.steps, rig.camera.width_px, rig.camera.height_px)
     r2 = float(np.sum(np.square(rig.projector.position_mm)))
     return _room_light(rig)._replace(
-        steps=np.column_stack([steps, lamp]),
+        steps=np.column_stack([steps, brightness]),
         irradiance=rig.projector.position_mm[2] / r2**1.5,
         scale=_linear_level(rig, light.mid_grey) / (1 + light.ambient),
     )
@@ -233,7 +233,7 @@ def _frames(rig: RigSpec, frames: np.ndarray, maps: np.ndarray, keys: np.ndarray
     lit = keys % 2 == 1
     received = lit.astype(float)
     if light.shading:
-        lamp = rig.projector.position_mm
-        received = cosine / ((lamp[0] - x) ** 2 + (lamp[1] - y) ** 2 + (lamp[2] - z) ** 2) / light.irradiance
+        source = rig.projector.position_mm
+        received = cosine / ((source[0] - x) ** 2 + (source[1] - y) ** 2 + (source[2] - z) ** 2) / light.irradiance
     modulation = light.scale * received * abs(light.harmonics[1])
     return Frames(frames, x, y, z, phase, lit, modulation, keys // 2)

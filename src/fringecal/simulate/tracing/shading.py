@@ -1,4 +1,4 @@
-"""From surfaces to light: what each pixel collects from plate, lamp and room."""
+"""From surfaces to light: what each pixel collects from plate, projector and room."""
 
 from typing import NamedTuple
 
@@ -80,15 +80,15 @@ class Texture(NamedTuple):
 def trace_pixel(
     camera: Camera, projector: Projector, world: World, u: float, v: float
 ) -> tuple[Triple, float, int, float, float]:
-    """Follow one line of sight: point, cosine to the lamp (0 in shadow), surface, albedo, squared range."""
+    """Follow one line of sight: point, cosine to the projector (0 in shadow), surface, albedo, squared range."""
     sight = ray(camera, u, v)
     z, surface, normal, albedo = see(world, sight)
     x, y = sight[0] + sight[2] * z, sight[1] + sight[3] * z
-    lamp = projector.position
-    dx, dy, dz = lamp[0] - x, lamp[1] - y, lamp[2] - z
+    source = projector.position
+    dx, dy, dz = source[0] - x, source[1] - y, source[2] - z
     r2 = dx * dx + dy * dy + dz * dz
     cosine = (normal[0] * dx + normal[1] * dy + normal[2] * dz) / np.sqrt(r2)
-    if cosine <= 0 or shadowed(world, surface, (x, y, z), lamp):
+    if cosine <= 0 or shadowed(world, surface, (x, y, z), source):
         cosine = 0.0
     return (x, y, z), cosine, surface, albedo, r2
 
@@ -150,7 +150,7 @@ def _reflectance(table: PatternTable, texture: Texture, surface: int, point: Tri
 def _add_fringes(
     harmonics: np.ndarray, steps: np.ndarray, offset_px: Pair, phase: float, light: Pair, sums: np.ndarray
 ) -> None:
-    """Add one sample to every frame; `light` is what the sample reflects of lamp and of ambient light."""
+    """Add one sample to every frame; `light` is what the sample reflects of the projector's and of ambient light."""
     for n in range(sums.size):
         value = light[1]
         if light[0] > 0:

@@ -75,7 +75,7 @@ def fit_sphere(points_mm: ArrayLike, *, radius_mm: float | None = None) -> Spher
         (n, 3), n >= 4.
     radius_mm
         Fixes the radius, for the centre of a calibrated ball: on a small cap a free radius and the centre's height
-        cannot be told apart (a cap of 30 deg half-angle loses a factor of 20).
+        cannot be distinguished (a cap of 30 deg half-angle loses a factor of 20).
 
     Raises
     ------

@@ -14,7 +14,7 @@ RIM_PX = 3
 
 _OPENED_PX = 3  # ridges of shadow borders and single wrong pixels are narrower
 MIN_PIXELS = 60
-"""Of a piece, without its rim: fewer make no plane or cap whose uncertainty could be told from its own scatter."""
+"""Of a piece, without its rim: of fewer, the uncertainty of a plane or cap cannot be found from their scatter."""
 _ENDS = (0.01, 0.99)  # quantiles of the heights that a refusal names: single wrong pixels lie outside
 
 

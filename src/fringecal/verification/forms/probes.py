@@ -43,7 +43,7 @@ class _Windows:
     box
         A box's top, of its height.
     slope
-        A wedge's slope, of its tallest edge; its thin edge cannot be told from the plate.
+        A wedge's slope, of its tallest edge; its thin edge cannot be distinguished from the plate.
     step
         Around a step, of the distance to the nearest other level: half of it would touch.
     ball
@@ -183,15 +183,15 @@ def _(target: Steps, surface: Surface) -> Probe:
         half = _WINDOWS.step * float(np.min(np.abs(levels[levels != height] - height)))
         found = pieces_between(points, valid, height - half, height + half)
         if not found:
-            notes.append(f"the step of {height:g} mm is not seen, or its phase is that of another level there")
+            notes.append(f"the height step of {height:g} mm was not found, or its phase is that of another level")
             continue
         groups.append(_indices(found[0]))
         u = target.heights_mm.u_array(nominal.size)[index]
         references[f"step of {height:g} mm"] = Estimate(float(height), float(u), "mm", influence=Influence.STEP_HEIGHT)
     if len(groups) < 2:
         raise FitError(
-            f"only {len(groups)} of {nominal.size} steps were found at their heights; check the target's heights_mm, "
-            "and that the block is lit"
+            f"only {len(groups)} of {nominal.size} height height steps were found at their heights; check the target's "
+            "heights_mm, and that the block is lit"
         )
     certified = np.array([e.value for e in references.values()])
     names = tuple(references)
@@ -281,7 +281,8 @@ def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...]) -> tuple[N
         raise FitError(
             f"found {len(found)} of {len(diameters)} balls above {lowest:.3g} mm; check the target's diameter, "
             "and that each ball's top is lit and not saturated. A ball whose outline stands whole fringes above "
-            "the plate cannot be told from it by one fringe period: take a second one, or a ball of another size"
+            "the plate cannot be distinguished from it by one fringe period: take a second period, or a ball of "
+            "another size"
         )
     found.sort(key=lambda piece: float(points[piece, 0].mean()))
     return tuple(_cap(points, valid, piece, d) for piece, d in zip(found, diameters, strict=True))

@@ -14,7 +14,7 @@ from fringecal.verification.zigzag.zigzag_shape import Floats, Surface, ZigzagSh
 Mask = NDArray[np.bool_]
 
 _CROSSES = 0.5  # of the most pixels that any row has on the bars: a row with fewer only touches them
-_MOST_END_DOUBT = 0.02  # of the bars' length, left out at each end at most, however badly the ends are seen
+_MOST_END_U = 0.02  # of the bars' length, left out at each end at most, however badly the ends are seen
 _END_U = 2.0  # standard uncertainties of the bars' place along the ridges that are left out at each end: 95 %
 _FITTED_PIXELS = 20_000  # through which coordinates of masked pixels are drawn; a quadratic has six terms
 
@@ -85,9 +85,9 @@ def default_places(field: ErrorField, preferred: tuple[int, ...], spread: tuple[
 
 
 def _end_distance(along: Floats, pose: ZigzagPose, shape: ZigzagShape) -> Floats:
-    """Distance to the nearer end of the bars, less the doubt about where the ends are."""
-    doubt = min(_END_U * pose.u_along_mm, _MOST_END_DOUBT * shape.length_mm)
-    return shape.length_mm / 2 - doubt - np.abs(along)
+    """Distance to the nearer end of the bars, less the uncertainty of where the ends are."""
+    uncertain = min(_END_U * pose.u_along_mm, _MOST_END_U * shape.length_mm)
+    return shape.length_mm / 2 - uncertain - np.abs(along)
 
 
 def _crossing(across: Floats, valid: Mask) -> tuple[str, float]:

@@ -35,8 +35,8 @@ _WORDS = {
     "scale_over_x": "a height scale that changes along x (projection angle not constant over the field)",
     "scale_over_y": "a height scale that changes along y (projection angle not constant over the field)",
     "asymmetry": "flanks of opposite sides at different angles (lateral scale, or the camera's perspective)",
-    "noise": "scatter of single pixels and fine structure that no smooth cause explains",
-    "outliers": "single pixels far off (wrong fringe order, or steep edges)",
+    "noise": "scatter of single pixels and fine structure that no smooth term describes",
+    "outliers": "single pixels with large errors (wrong fringe order, or steep edges)",
 }
 
 

@@ -62,7 +62,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class _Ballot:
+class _Votes:
     """Votes by bar and place along the ridges: +1 surface of a bar, -1 plate, 0 neither."""
 
     votes: Floats
@@ -90,9 +90,9 @@ def place_footprint(
     FitError
         More or fewer bars than the target states.
     """
-    ballot = _count_votes(across, along, z, shape)
-    window = max(1, round(shape.length_mm / ballot.bin_mm))
-    padded = np.pad(ballot.votes, ((shape.count, shape.count), (window, window)))
+    counted = _count_votes(across, along, z, shape)
+    window = max(1, round(shape.length_mm / counted.bin_mm))
+    padded = np.pad(counted.votes, ((shape.count, shape.count), (window, window)))
     by_bar = _moving_sum(padded, window, axis=1)
     score = _moving_sum(np.where(by_bar < 0, _PLATE_WEIGHT * by_bar, by_bar), shape.count, axis=0)
     bar, place, half_width = _middle_of_best(score, shape.count)
@@ -103,14 +103,14 @@ def place_footprint(
         )
     seen = _check_bars(by_bar[:, place], bar, shape.count)
     _check_length(padded[bar : bar + shape.count], place, window, shape)
-    along_mm = ballot.along_start + (place - window + window / 2) * ballot.bin_mm
-    u_along = math.hypot(half_width / math.sqrt(3), UNIFORM_SD) * ballot.bin_mm
-    return Placement(ballot.first_bar - shape.count + bar, along_mm, u_along, seen)
+    along_mm = counted.along_start + (place - window + window / 2) * counted.bin_mm
+    u_along = math.hypot(half_width / math.sqrt(3), UNIFORM_SD) * counted.bin_mm
+    return Placement(counted.first_bar - shape.count + bar, along_mm, u_along, seen)
 
 
 def _count_votes(
     across: NDArray[np.floating], along: NDArray[np.floating], z: NDArray[np.floating], shape: ZigzagShape
-) -> _Ballot:
+) -> _Votes:
     full = shape.height_mm
     target = zigzag_height(across, shape)
     telling = target > _TELLING * full
@@ -124,7 +124,7 @@ def _count_votes(
     first = int(number.min())
     votes = np.zeros((int(number.max()) - first + 1, int(place.max()) + 1))
     np.add.at(votes, (number - first, place), vote[telling])
-    return _Ballot(votes, first, float(along.min()), bin_mm)
+    return _Votes(votes, first, float(along.min()), bin_mm)
 
 
 def _moving_sum(values: Floats, window: int, *, axis: int) -> Floats:

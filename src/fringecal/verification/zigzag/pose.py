@@ -32,7 +32,7 @@ class ZigzagPose:
     inlier_share
         Share of the valid flank pixels that lie near the target's surface.
     bars_seen
-        Number of bars with enough valid pixels to be told from the plate.
+        Number of bars with enough valid pixels to be distinguished from the plate.
     """
 
     x_mm: float

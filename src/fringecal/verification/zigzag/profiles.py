@@ -149,7 +149,7 @@ class Judge:
         remedy = f"choose {self.field.axis}s that cross lit parts of the bars"
         if self.zone_mm > _WIDE_ZONES * self.shape.base_mm:
             remedy = (
-                f"edge zones of {self.zone_mm:.2f} mm on each side leave next to nothing of flanks "
+                f"edge zones of {self.zone_mm:.2f} mm on each side leave almost nothing of flanks "
                 f"{self.shape.base_mm / 2:.2f} mm wide, choose narrower ones"
             )
         raise FitError(

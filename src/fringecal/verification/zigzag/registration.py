@@ -23,7 +23,7 @@ from fringecal.verification.zigzag.zigzag_shape import (
 )
 
 SEATINGS = ("on-plate", "free")
-_MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose doubt is systematic
+_MAX_PIXELS = 60_000  # in a fit: more do not change the pose, whose uncertainty is systematic
 _MAX_POINTS = 500_000  # that vote for the footprint: some thousand on every bin of it
 _LEAST_PIXELS = 500  # valid ones: fewer are no surface that a shape could be found in
 _MAX_CENTRES = 300  # facets' middles for the first place: it has to be right within a part of a bar only
@@ -321,7 +321,7 @@ def _flank_points(pose: ZigzagPose, points: _Points, shape: ZigzagShape) -> NDAr
 def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: bool = False) -> ZigzagPose:
     """Gauss-Newton with Tukey weights for place across and rotation, and the seat if `free`."""
     if points.z.size < _FLANKS.least_facets:
-        raise FitError("next to no lit flank lies where the bars were found; more of the bars must be lit")
+        raise FitError("almost no lit flank lies where the bars were found; more of the bars must be lit")
     covariance = np.zeros((0, 0))
     scale = math.inf
     for _ in range(_REFINEMENT.rounds):
@@ -330,7 +330,7 @@ def _refined(pose: ZigzagPose, points: _Points, shape: ZigzagShape, *, free: boo
         weight = np.maximum(1 - (residual / (_REFINEMENT.tukey * scale)) ** 2, 0.0) ** 2
         normal = jacobian.T @ (weight[:, None] * jacobian)
         if np.linalg.cond(normal / np.outer(*[np.sqrt(np.diag(normal))] * 2)) > _REFINEMENT.worst_condition:
-            raise FitError("the visible flanks do not fix the bars' position; more of the bars must be lit")
+            raise FitError("the visible flanks do not determine the bars' position; more of the bars must be lit")
         step = np.linalg.solve(normal, jacobian.T @ (weight * residual))
         pose = _stepped(pose, step)
         covariance = scale**2 * np.linalg.inv(normal)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from fringecal.projector import STRIP_SETS, Move, RigState, has_lamp, moved
+from fringecal.projector import STRIP_SETS, Move, RigState, has_projector_position, moved
 from fringecal.workflows.audit.cause_kinds import Cause
 from fringecal.workflows.audit.layout import Layout
 
@@ -133,7 +133,7 @@ def _possible(moves: Sequence[Move], base: RigState, sets: int) -> bool:
         return False
     if base.camera.telecentric and not _OF_A_PINHOLE.isdisjoint(moves):
         return False
-    return has_lamp(base.model) or _OF_DIVERGING_LIGHT.isdisjoint(moves)
+    return has_projector_position(base.model) or _OF_DIVERGING_LIGHT.isdisjoint(moves)
 
 
 def _fit(

@@ -21,7 +21,7 @@ from fringecal.report import (
     readable_picture,
     residual_map,
 )
-from fringecal.uncertainty import EXPANDED_BY, decide, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, decide, uncertainty_text, value_text
 from fringecal.workflows.audit.checks import Change, audit_checks, changes_of
 from fringecal.workflows.audit.run import Audit
 from fringecal.workflows.audit.sentences import amount_text, audit_sentence
@@ -74,7 +74,7 @@ def audit_report(
 def _fact(change: Change) -> Fact:
     found = change.found
     unit = f" {found.unit}" if found.unit else ""
-    note = f"U = {doubt_text(found.expanded().U)}{unit}; limit {change.limit:g}{unit}"
+    note = f"U = {uncertainty_text(found.expanded().U)}{unit}; limit {change.limit:g}{unit}"
     return Fact(f"Change of {change.name}", f"{value_text(found.value, found.u, sign=True)}{unit}", note)
 
 

@@ -18,7 +18,7 @@ from fringecal.errors import DetectionError, FitError, SessionError
 from fringecal.session import Session
 from fringecal.workflows.commission.camera import measure_camera
 from fringecal.workflows.commission.further import further_captures, strips_captures, strips_target
-from fringecal.workflows.shared import CapturePhase, fewness, phase_of_capture, projector_of, with_causes
+from fringecal.workflows.shared import CapturePhase, phase_of_capture, projector_of, too_few_pixels, with_causes
 
 Progress = Callable[[str], None]
 
@@ -92,7 +92,7 @@ def _plate(reference: CapturePhase) -> PlateSurface:
     try:
         return plate_surface(reference.map)
     except FitError as error:
-        raise FitError("".join(fewness(reference)) or str(error)) from error
+        raise FitError("".join(too_few_pixels(reference)) or str(error)) from error
 
 
 def _strips(  # noqa: PLR0913, PLR0917 -- private: what the stages before have found

@@ -4,7 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from fringecal.calibration import CONTRADICTS, Calibrated
-from fringecal.projector import LAMP_CHANCE
+from fringecal.projector import DISPLACEMENT_PROBABILITY
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, Influence, en_score
 from fringecal.workflows.shared import judged_below, judged_en, rms_estimate
@@ -113,7 +113,7 @@ def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
         Check(
             name="projector against its stated position",
             value=moved.probability,
-            limit=LAMP_CHANCE,
+            limit=DISPLACEMENT_PROBABILITY,
             decision="pass" if moved.agrees else "conditionalFail",
             rule="chance of a displacement as large as found if the position is as stated, at least the limit",
         ),
@@ -133,7 +133,7 @@ def _heights_check(result: Calibrated) -> Check:
             'artefact of known height with use = "calibration"'
         )
         return Check(name=name, value=0.0, decision="info" if known else "conditionalPass", rule=rule)
-    largest = max((abs(float(v)) for moved in result.fit.doubts for v in moved), default=0.0)
+    largest = max((abs(float(v)) for changes in result.fit.height_changes_u for v in changes), default=0.0)
     return Check(
         name=name,
         value=largest,

@@ -100,5 +100,5 @@ def judged_session(found: CalibratedSession, *, progress: Progress = lambda _: N
 
 def _examined(found: CalibratedSession) -> tuple[Examination, ...]:
     plate, strips, rig = found.reference, found.strips, found.result.rig
-    same = plate.capture.steps_rad == strips.capture.steps_rad
+    same = plate.capture.phase_shifts_rad == strips.capture.phase_shifts_rad
     return (examine(plate, rig), examine(strips, rig, plate=plate.capture if same else None))

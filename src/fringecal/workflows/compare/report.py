@@ -21,7 +21,7 @@ from fringecal.report import (
     change_bars,
     rig_drawing,
 )
-from fringecal.uncertainty import EXPANDED_BY, Influence, doubt_text, value_text
+from fringecal.uncertainty import EXPANDED_BY, Influence, uncertainty_text, value_text
 from fringecal.workflows.compare.run import Compared, compare_calibrations, shared_influences
 from fringecal.workflows.shared import calibration_of, field_mm
 
@@ -80,7 +80,7 @@ def _facts(compared: Sequence[Compared]) -> tuple[Fact, ...]:
         Fact(
             f"Change of {c.name}",
             f"{value_text(c.difference.value, c.difference.expanded().U, sign=True)} {c.difference.unit}",
-            f"U {doubt_text(c.difference.expanded().U)}, En {c.en:+.2f}",
+            f"U {uncertainty_text(c.difference.expanded().U)}, En {c.en:+.2f}",
         )
         for c in chosen
     )

@@ -5,7 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from fringecal.camera import SIGNIFICANCE, DistortionTest, ThesisScale, check_points, cost_of_neglect_px, family_rms_px
+from fringecal.camera import (
+    SIGNIFICANCE,
+    DistortionTest,
+    ThesisScale,
+    check_points,
+    effect_of_neglect_px,
+    family_rms_px,
+)
 from fringecal.detect import FAMILIES, GridDetection, line_section
 from fringecal.report import (
     DOUBT,
@@ -18,7 +25,7 @@ from fringecal.report import (
     scale_map,
     section_plot,
 )
-from fringecal.uncertainty import Estimate, doubt_text, value_text
+from fringecal.uncertainty import Estimate, uncertainty_text, value_text
 from fringecal.workflows.shared import concise, estimates_table
 
 #: Residuals this many times larger than the crossings' own uncertainty are no longer noise alone: a sheet that is not
@@ -192,15 +199,15 @@ def grid_sentence(grid: GridPicture) -> str:
 def distortion_size(test: DistortionTest) -> str:
     """Say in a few words how large the lens's distortion is, or its detection limit."""
     if test.verdict == "none":
-        return f"detection limit {doubt_text(test.detection_limit_px)} px at 95 %"
+        return f"detection limit {uncertainty_text(test.detection_limit_px)} px at 95 %"
     return f"{concise(test.max_px)} at {test.radius_px:.0f} px from its centre"
 
 
 def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple[str, ...]:
     """State verdict, size, detection limit, error of neglecting the lens, and centre."""
-    at = f"{value_text(test.max_px.value, test.max_px.u)} px (u = {doubt_text(test.max_px.u)} px) at "
+    at = f"{value_text(test.max_px.value, test.max_px.u)} px (u = {uncertainty_text(test.max_px.u)} px) at "
     at += f"{test.radius_px:.0f} px from its centre"
-    limit = f"detection limit {doubt_text(test.detection_limit_px)} px at 95 %"
+    limit = f"detection limit {uncertainty_text(test.detection_limit_px)} px at 95 %"
     if test.verdict == "none":
         verdict = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
     else:
@@ -210,7 +217,7 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
             f" The crossings' residuals are {test.misfit:.1f} times their own uncertainty: lines that are "
             "not quite straight or evenly spaced, a sheet that is not quite flat, or a distortion of another form."
         )
-    worst = float(cost_of_neglect_px(test).max())
+    worst = float(effect_of_neglect_px(test).max())
     error = f"{worst:.3g} px" if mm_per_px is None else f"{worst * mm_per_px:.3g} mm ({worst:.3g} px)"
     neglected = f"With the lens neglected, positions have errors of up to {error}."
     if test.verdict == "none":

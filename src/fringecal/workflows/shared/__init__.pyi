@@ -17,7 +17,7 @@ from .capture_phase import (
     within_border as within_border,
 )
 from .causes import (
-    fewness as fewness,
+    too_few_pixels as too_few_pixels,
 )
 from .causes import (
     with_causes as with_causes,

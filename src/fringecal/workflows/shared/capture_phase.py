@@ -11,7 +11,7 @@ from fringecal.phase import (
     Adapted,
     FringeOrders,
     PhaseMap,
-    StepEstimate,
+    PhaseShiftEstimate,
     Waveform,
     decide_orders,
     demodulate_adapted,
@@ -49,23 +49,23 @@ class CapturePhase:
         return map_ if self.orders is None else replace(map_, orders=self.orders.of(map_.phase))
 
     @property
-    def steps_rad(self) -> tuple[float, ...]:
+    def phase_shifts_rad(self) -> tuple[float, ...]:
         """Steps that were used, rad."""
-        return self.adapted.scheme.steps_rad
+        return self.adapted.scheme.phase_shifts_rad
 
     @property
-    def estimated(self) -> StepEstimate | None:
+    def estimated(self) -> PhaseShiftEstimate | None:
         """What the frames say of the steps; None where they say nothing, with the reason in the notes."""
-        return self.adapted.steps
+        return self.adapted.phase_shifts
 
     @property
     def used(self) -> str:
         """Which steps were used: "stated" or "estimated"."""
-        return "stated" if self.steps_rad == tuple(self.capture.steps_rad) else "estimated"
+        return "stated" if self.phase_shifts_rad == tuple(self.capture.phase_shifts_rad) else "estimated"
 
     def sentence(self) -> str:
         """Say plainly which model was used and why."""
-        stated = ", ".join(f"{math.degrees(s):.1f}" for s in self.capture.steps_rad)
+        stated = ", ".join(f"{math.degrees(s):.1f}" for s in self.capture.phase_shifts_rad)
         notes = "".join(f"; {note}" for note in self.adapted.notes)
         notes += "" if self.orders is None else f"; {self.orders.sentence()}"
         if not self.adapted.undone:
@@ -91,7 +91,7 @@ def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> Captu
     PhaseError
         The frames hold no phase, or contradict the stated periods.
     """
-    if not capture.steps_rad:
+    if not capture.phase_shifts_rad:
         raise SessionError(
             [f"capture {capture.name!r}: no phase steps; state steps_deg under [phase] or in the capture"]
         )
@@ -112,7 +112,7 @@ def shortest_period(capture: Capture) -> int:
 def _adapted(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
     """Demodulate one of a capture's sets."""
     frames = frames_of(capture, period=period)
-    return demodulate_adapted(frames, capture.steps_rad, white_level=capture.white_level, wave=wave)
+    return demodulate_adapted(frames, capture.phase_shifts_rad, white_level=capture.white_level, wave=wave)
 
 
 def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:

@@ -29,7 +29,7 @@ def with_causes(error: FringecalError, reference: CapturePhase, strips: CaptureP
     reference, strips
         The two captures.
     """
-    causes = [*fewness(reference), *fewness(strips), *_faults(strips, reference)]
+    causes = [*too_few_pixels(reference), *too_few_pixels(strips), *_faults(strips, reference)]
     return error if not causes else type(error)(" ".join([*causes, "Without that the strips cannot be found."]))
 
 
@@ -45,11 +45,11 @@ def with_frames_causes(error: FringecalError, phase: CapturePhase, plate: Captur
     plate
         The bare plate's capture of the same session, if there is one.
     """
-    causes = [*fewness(phase), *_faults_of(phase, plate, set())]
+    causes = [*too_few_pixels(phase), *_faults_of(phase, plate, set())]
     return error if not causes else type(error)(" ".join([*causes, "Without that its heights cannot be measured."]))
 
 
-def fewness(phase: CapturePhase) -> Iterator[str]:
+def too_few_pixels(phase: CapturePhase) -> Iterator[str]:
     """Say why few pixels of a capture carry fringes, if so."""
     shares = phase.map.shares()
     if shares["valid"] < _LEAST_SHARE:
@@ -80,7 +80,7 @@ def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[FindingKin
     plate = None if beside is None else beside.read_set(period=shortest_period(beside))
     if plate is not None and plate.shape != frames.shape:
         plate = None
-    found = diagnose(frames, capture.steps_rad, white_level=capture.white_level, reference=plate)
+    found = diagnose(frames, capture.phase_shifts_rad, white_level=capture.white_level, reference=plate)
     for finding in found.findings:
         if finding.kind.fatal and finding.kind not in seen:
             seen.add(finding.kind)

@@ -57,7 +57,7 @@ def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture 
     bare = None if plate is None else plate.read_set(period=period)
     found = diagnose(
         frames,
-        capture.steps_rad,
+        capture.phase_shifts_rad,
         white_level=capture.white_level,
         reference=None if bare is None or bare.shape != frames.shape else bare,
         mm_per_rad=height_per_rad_mm(calibration),
@@ -68,7 +68,9 @@ def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture 
 def plate_beside(session: Session, capture: Capture) -> Capture | None:
     """Return the session's capture of the bare plate that another capture can be compared with, if there is one."""
     plates = [one for one in session.find("reference") if one.name != capture.name]
-    same = [one for one in plates if one.steps_rad == capture.steps_rad and one.periods == capture.periods]
+    same = [
+        one for one in plates if one.phase_shifts_rad == capture.phase_shifts_rad and one.periods == capture.periods
+    ]
     return same[0] if len(same) == 1 else None
 
 
@@ -86,7 +88,7 @@ def _with_repeats(found: Diagnosis, capture: Capture, calibration: RigCalibratio
         return found
     sets = np.stack([capture.read_set(repeat=k, period=shortest_period(capture)) for k in range(capture.repeat)])
     try:
-        scatter = compare_repeats(sets, capture.steps_rad, white_level=capture.white_level)
+        scatter = compare_repeats(sets, capture.phase_shifts_rad, white_level=capture.white_level)
     except PhaseError as error:
         return replace(found, notes=(*found.notes, f"repeats could not be compared: {error}"))
     scale = height_per_rad_mm(calibration)
@@ -102,11 +104,11 @@ def _undone(phase: CapturePhase) -> frozenset[FindingKind]:
     used = phase.adapted
     kinds = set()
     if phase.used == "estimated":
-        kinds.add(FindingKind.WRONG_STEPS)
+        kinds.add(FindingKind.WRONG_PHASE_SHIFTS)
     if used.scheme.name == "equalised":
         kinds |= {FindingKind.LAMP_DRIFT, FindingKind.VIBRATION}
     if used.change_rad_px.any():
-        kinds.add(FindingKind.UNEVEN_STEPS)
+        kinds.add(FindingKind.UNEVEN_PHASE_SHIFTS)
     if used.wave is not None and used.wave.matters(used.scheme):
         kinds |= {FindingKind.GAMMA, FindingKind.CLIPPED_SLIDE}
     return frozenset(kinds)

@@ -18,7 +18,7 @@ def steps_record(examined: Examination) -> StepsRecord:
         {}
         if estimate is None
         else {
-            "estimated_rad": _numbers(estimate.steps_rad),
+            "estimated_rad": _numbers(estimate.phase_shifts_rad),
             "u_rad": _numbers(estimate.u_rad),
             "modulation_per_frame": _numbers(estimate.gain_per_frame),
             "background_per_frame": _numbers(estimate.background_per_frame),
@@ -27,7 +27,7 @@ def steps_record(examined: Examination) -> StepsRecord:
     )
     return StepsRecord(
         capture=found.capture.name,
-        stated_rad=tuple(found.capture.steps_rad),
+        stated_rad=tuple(found.capture.phase_shifts_rad),
         used="estimated" if found.used == "estimated" else "stated",
         undone=found.adapted.undone,
         notes=found.adapted.notes,

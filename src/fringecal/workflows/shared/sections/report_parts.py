@@ -118,12 +118,14 @@ def _steps_table(captures: Sequence[CapturePhase]) -> Table:
     rows = []
     for capture in captures:
         found = capture.estimated
-        for n, (stated, used) in enumerate(zip(capture.capture.steps_rad, capture.steps_rad, strict=True)):
+        for n, (stated, used) in enumerate(
+            zip(capture.capture.phase_shifts_rad, capture.phase_shifts_rad, strict=True)
+        ):
             row = {"capture": capture.capture.name, "frame": n, "stated / deg": math.degrees(stated)}
             row["used / deg"] = math.degrees(used)
             if found is not None:
                 row |= {
-                    "found / deg": math.degrees(float(found.steps_rad[n])),
+                    "found / deg": math.degrees(float(found.phase_shifts_rad[n])),
                     "u / deg": math.degrees(float(found.u_rad[n])),
                     "modulation": float(found.gain_per_frame[n]),
                     "background": float(found.background_per_frame[n]),
