@@ -164,7 +164,7 @@ def a_step_twice(bench: Bench) -> None:
     bench.save()
 
 
-@breaks('capture "bars": steps_deg', "no phase steps")
+@breaks('capture "bars": steps_deg', "no phase shifts")
 def steps_missing(bench: Bench) -> None:
     del bench.document["phase"]
     for name in ("reference", "strips"):

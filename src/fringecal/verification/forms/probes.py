@@ -190,7 +190,7 @@ def _(target: Steps, surface: Surface) -> Probe:
         references[f"step of {height:g} mm"] = Estimate(float(height), float(u), "mm", influence=Influence.STEP_HEIGHT)
     if len(groups) < 2:
         raise FitError(
-            f"only {len(groups)} of {nominal.size} height height steps were found at their heights; check the target's "
+            f"only {len(groups)} of {nominal.size} height steps were found at their heights; check the target's "
             "heights_mm, and that the block is lit"
         )
     certified = np.array([e.value for e in references.values()])

@@ -93,7 +93,7 @@ def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> Captu
     """
     if not capture.phase_shifts_rad:
         raise SessionError(
-            [f"capture {capture.name!r}: no phase steps; state steps_deg under [phase] or in the capture"]
+            [f"capture {capture.name!r}: no phase shifts; state steps_deg under [phase] or in the capture"]
         )
     adapted = _adapted(capture, shortest_period(capture), wave)
     if not adapted.map.valid.any():
