@@ -61,7 +61,7 @@ def test_stated_uncertainty_is_that_of_mrcal(boards, distance_mm):
     fit = fit_lens(views[:7], boards.shape, solver="mrcal")  # too few for halves: nothing enlarged
     start = (fit.lens.values[:8], np.array([pose_of(view) for view in fit.views]))
     inputs = mrcal_wall._inputs([view.points_px for view in views[:7]], 25.0, *start, boards.shape)
-    inputs |= mrcal_wall._choices("LENSMODEL_OPENCV4", bowed=True)
+    inputs |= mrcal_wall._choices("LENSMODEL_OPENCV4", warped=True)
     mrcal.optimize(**inputs)
     model = mrcal.cameramodel(optimization_inputs=inputs, icam_intrinsics=0)
     rays = mrcal.unproject(PLACES, *model.intrinsics(), normalize=True) * distance_mm / 1000.0

@@ -29,7 +29,7 @@ _LEAST_SPREAD_RAD = 1e-6  # drawn phase without noise scatters by rounding alone
 _MOST_PULL = 0.9  # of the fit toward a single block; beyond it says nothing of its own scatter
 SURFACE_U_RAD = 2e-3
 """Standard uncertainty of the phase of a whole surface, rad: ripple and waves that no parameter describes and that no
-number of pixels averages out. It weighs a surface against the stated heights, and no misfit below it counts."""
+number of pixels averages out. It weighs a surface against the stated heights, and no residual below it counts."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Least squares of a plane grid seen through a lens that bends: the fits that the distortion test compares."""
+"""Least squares of a plane grid seen through a lens with distortion: the fits that the distortion test compares."""
 
 import math
 from dataclasses import dataclass, replace
@@ -120,7 +120,7 @@ def fit_lens_on_grid(
             parameters[name].value = start.result.params[name].value
     arguments = (crossings, inverse)
     found = lmfit.minimize(_weighted, parameters, args=arguments, Dfun=_weighted_slopes, **_SOLVER)
-    rest = _misfit_px(found.params, crossings, inverse=inverse)
+    rest = _residual_px(found.params, crossings, inverse=inverse)
     shared = shared_scatter(crossings.site[:, 1], crossings.site[:, 0], crossings.points, rest)
     return GridFit(found, _lens(found.params, crossings, inverse=inverse), rest, shared)
 
@@ -195,13 +195,13 @@ def _lens(parameters: Any, crossings: Crossings, *, inverse: bool) -> RadialLens
 
 
 def _ideal(parameters: Any, crossings: Crossings) -> tuple[Array, Array]:
-    """Where a lens that does not bend would show the crossings, px (n, 2), and their depths (n,)."""
+    """Where a lens without distortion would show the crossings, px (n, 2), and their depths (n,)."""
     h = np.append([parameters[name].value for name in _HOMOGRAPHY], 1.0).reshape(3, 3)
     mapped = np.column_stack([crossings.index, np.ones(len(crossings.index))]) @ h.T
     return mapped[:, :2] / mapped[:, 2:] * crossings.half_diagonal + crossings.middle, mapped[:, 2]
 
 
-def _misfit_px(parameters: Any, crossings: Crossings, *, inverse: bool) -> Array:
+def _residual_px(parameters: Any, crossings: Crossings, *, inverse: bool) -> Array:
     """Observed minus modelled crossings (n, 2), px in the picture."""
     ideal, _ = _ideal(parameters, crossings)
     lens = _lens(parameters, crossings, inverse=inverse)
@@ -211,7 +211,7 @@ def _misfit_px(parameters: Any, crossings: Crossings, *, inverse: bool) -> Array
 
 
 def _weighted(parameters: Any, crossings: Crossings, inverse: bool) -> Array:  # noqa: FBT001 -- lmfit calls it
-    return (_misfit_px(parameters, crossings, inverse=inverse) / crossings.sigma[:, None]).ravel()
+    return (_residual_px(parameters, crossings, inverse=inverse) / crossings.sigma[:, None]).ravel()
 
 
 def _weighted_slopes(parameters: Any, crossings: Crossings, inverse: bool) -> Array:  # noqa: FBT001 -- lmfit calls it

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 Verdict = Literal["none", "barrel", "pincushion"]
 Centre = Literal["auto", "image", "free"]
 
-#: Probability of the F-test at which a perfect lens is called bent: the usual 5 %.
+#: Probability of the F-test at which a perfect lens is found to have distortion: the usual 5 %.
 SIGNIFICANCE = 0.05
 #: Share of distortions of the size of the detection limit that the test finds.
 POWER = 0.95
@@ -141,9 +141,9 @@ def examine_distortion(
     -----
     F = ((S0 - S1) / q) / (g S1 / (2n - p)) with q the terms beyond the p - q of the projective camera, and
     g the `camera.scatter.shared_scatter` of neighbouring crossings: without it four times as many perfect
-    lenses are called bent. The test keeps the centre at the image centre, because a free one has no meaning
-    without distortion and would spoil the distribution of F; the lens that is returned may have its own. The
-    lens's parameters are asked of the grid as a whole, so bends far below one pixel are found.
+    lenses are found to have distortion. The test keeps the centre at the image centre, because a free one has no
+    meaning without distortion and would spoil the distribution of F; the lens that is returned may have its own. The
+    lens's parameters are asked of the grid as a whole, so displacements far below one pixel are found.
     """
     if not 1 <= terms <= MAX_TERMS:
         raise FitError(f"{terms} radial terms asked for; 1 to {MAX_TERMS} are possible")
@@ -180,25 +180,25 @@ class _Answer:
     """The fits that the test compares, and the lens that says most."""
 
     plain: GridFit
-    bent: GridFit
+    distorted: GridFit
     lens: GridFit
 
 
 def _answer(crossings: Crossings, asked: _Question) -> _Answer:
     inverse = _is_strong(crossings, asked.pose | asked.radial)
     plain = fit_lens_on_grid(crossings, asked.pose)
-    bent = fit_lens_on_grid(crossings, asked.pose | asked.radial, inverse=inverse)
-    lens = bent
+    distorted = fit_lens_on_grid(crossings, asked.pose | asked.radial, inverse=inverse)
+    lens = distorted
     steps = [asked.others, frozenset({"cu", "cv"}) if asked.centre == "free" else frozenset()]
     for added in filter(None, steps):
         lens = fit_lens_on_grid(crossings, lens.free | added, inverse=inverse, start=lens)
-    if _f_test(plain, bent)[1] < SIGNIFICANCE:
-        # A centre has no effect while nothing bends; a third term matters only where two do not suffice.
+    if _f_test(plain, distorted)[1] < SIGNIFICANCE:
+        # A centre has no effect without distortion; a third term matters only where two do not suffice.
         # A shifted centre is, but for its higher terms, what p1 and p2 describe: never both.
         steps = [frozenset({"cu", "cv"})] if asked.centre == "auto" and not asked.others else []
         for added in (*steps, frozenset(f"k{n + 1}" for n in range(MAX_TERMS))):
             lens = _better_of(lens, crossings, added)
-    return _Answer(plain, bent, lens)
+    return _Answer(plain, distorted, lens)
 
 
 def _is_strong(crossings: Crossings, free: frozenset[str]) -> bool:
@@ -226,15 +226,15 @@ def _f_test(plain: GridFit, full: GridFit) -> tuple[float, float]:
 
 def _report(detection: GridDetection, crossings: Crossings, answer: _Answer) -> DistortionTest:
     """Put both fits side by side."""
-    statistic, p_value = _f_test(answer.plain, answer.bent)
+    statistic, p_value = _f_test(answer.plain, answer.distorted)
     largest, radius = _largest_displacement(crossings, answer.lens)
-    tested, _ = _largest_displacement(crossings, answer.bent)
+    tested, _ = _largest_displacement(crossings, answer.distorted)
     verdict: Verdict = "none"
     if p_value < SIGNIFICANCE:
         verdict = "barrel" if tested.value < 0 else "pincushion"
-    bent = line_points(detection)
-    ends = np.cumsum([len(points) for points in bent])
-    straightened = np.split(answer.lens.lens.undistort(np.concatenate(bent)), ends[:-1]) if bent else []
+    distorted = line_points(detection)
+    ends = np.cumsum([len(points) for points in distorted])
+    straightened = np.split(answer.lens.lens.undistort(np.concatenate(distorted)), ends[:-1]) if distorted else []
     return DistortionTest(
         verdict,
         replace(largest, value=abs(largest.value)),

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 #: Points of a line, and lines of a family: two always lie on a straight line.
 MIN_POINTS = 3
-#: Points of a line whose bow is asked for: with fewer its curvature is noise, and the centre would follow it.
+#: Points of a line whose curvature is asked for: with fewer it is noise, and the centre would follow it.
 MIN_BOW_POINTS = 12
 
 
@@ -67,21 +67,21 @@ def family_rms_px(table: pd.DataFrame, family: str) -> float:
 def straight_centre_px(detection: GridDetection) -> tuple[float, float]:
     """Point (u, v), px, through which the lines of both families look straight.
 
-    Radial distortion bends every line but those through its centre. The bow of the lines of a family is
+    Radial distortion bends every line but those through its centre. The curvature of the lines of a family is
     nearly proportional to their distance from that centre; its zero is found by a straight line. A tilted
     camera moves this point without any lens at fault.
 
     Raises
     ------
     DetectionError
-        If the lines of a family have no bow that changes across the picture.
+        If the lines of a family have no curvature that changes over the picture.
     """
-    return _zero_bow(detection, "vertical"), _zero_bow(detection, "horizontal")
+    return _zero_curvature(detection, "vertical"), _zero_curvature(detection, "horizontal")
 
 
-def _zero_bow(detection: GridDetection, family: Family) -> float:
-    """Coordinate across a family's lines, px, at which their bow is zero."""
-    places, bows = [], []
+def _zero_curvature(detection: GridDetection, family: Family) -> float:
+    """Coordinate across a family's lines, px, at which their curvature is zero."""
+    places, curvatures = [], []
     for line in detection.family(family):
         along, across = (line.u_px, line.v_px) if family == "horizontal" else (line.v_px, line.u_px)
         along, across = along[line.good], across[line.good]
@@ -89,10 +89,10 @@ def _zero_bow(detection: GridDetection, family: Family) -> float:
             continue
         centre = 0.5 * (along.min() + along.max())
         half = 0.5 * np.ptp(along)
-        bow, _, place = np.polyfit((along - centre) / half, across, 2)
+        curvature, _, place = np.polyfit((along - centre) / half, across, 2)
         places.append(place)
-        bows.append(bow / half**2)
-    slope, offset = np.polyfit(places, bows, 1) if len(places) > MIN_POINTS else (0.0, 0.0)
+        curvatures.append(curvature / half**2)
+    slope, offset = np.polyfit(places, curvatures, 1) if len(places) > MIN_POINTS else (0.0, 0.0)
     if slope == 0.0:
         raise DetectionError(f"the {family} lines have no curvature that varies over the picture: no centre")
     return float(-offset / slope)

@@ -1,4 +1,4 @@
-"""Lens, poses and the bow of a board, solved together: the least squares behind a lens fit without mrcal."""
+"""Lens, poses and the warp of a board, solved together: the least squares behind a lens fit without mrcal."""
 
 import math
 from collections.abc import Sequence
@@ -53,22 +53,22 @@ _DAMPING = _Damping()
 class BoardPoints:
     """One picture's points: on the flat board (n, 3), mm, y down its rows, and in the picture (n, 2), px.
 
-    `bow` (n, 2) is by how much a unit bow across the columns and across the rows lifts each point: 1 in the
+    `warp_shape` (n, 2) is by how much a unit warp across the columns and across the rows lifts each point: 1 in the
     middle of the board, 0 at its first and last point.
     """
 
     board_mm: Array
     seen_px: Array
-    bow: Array
+    warp_shape: Array
 
     def kept(self, keep: NDArray[np.bool_]) -> "BoardPoints":
         """Return the points where `keep` is True."""
-        return BoardPoints(self.board_mm[keep], self.seen_px[keep], self.bow[keep])
+        return BoardPoints(self.board_mm[keep], self.seen_px[keep], self.warp_shape[keep])
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """The solved lens with its covariance, and poses, bow, residuals and wrong corners.
+    """The solved lens with its covariance, and poses, warp, residuals and wrong corners.
 
     Parameters
     ----------
@@ -118,20 +118,20 @@ def board_points(points_px: Array, spacing_mm: float) -> BoardPoints:
     Examples
     --------
     >>> found = board_points(np.zeros((2, 3, 2)), 10.0)
-    >>> found.board_mm[1].tolist(), found.bow[1].tolist()
+    >>> found.board_mm[1].tolist(), found.warp_shape[1].tolist()
     ([10.0, 0.0, 0.0], [1.0, 0.0])
     """
     row, column = np.nonzero(np.isfinite(points_px).all(axis=2))
     share = [place / max(count - 1, 1) for place, count in zip((column, row), points_px.shape[1::-1], strict=True)]
-    bow = np.stack([4 * s * (1 - s) for s in share], axis=1)
+    warp_shape = np.stack([4 * s * (1 - s) for s in share], axis=1)
     board = spacing_mm * np.stack([column, row, np.zeros(len(row))], axis=1)
-    return BoardPoints(board.astype(float), points_px[row, column], bow)
+    return BoardPoints(board.astype(float), points_px[row, column], warp_shape)
 
 
 def solve_bundle(
-    points: Sequence[BoardPoints], values: Array, poses: Array, *, radial_terms: int = 2, bowed: bool = True
+    points: Sequence[BoardPoints], values: Array, poses: Array, *, radial_terms: int = 2, warped: bool = True
 ) -> Bundle:
-    """Solve for lens, poses and bow by least squares, leaving out wrong corners.
+    """Solve for lens, poses and warp by least squares, leaving out wrong corners.
 
     Parameters
     ----------
@@ -141,8 +141,8 @@ def solve_bundle(
         Start: lens in the order of `LENS_NAMES`, and turn (Rodrigues) with shift in mm of every view, (n, 6).
     radial_terms
         2, or 3 with k3 free too.
-    bowed
-        Whether the board may bow: z = w_x 4 s (1 - s) + w_y 4 t (1 - t), s and t from 0 to 1 across it.
+    warped
+        Whether the board may be warped: z = w_x 4 s (1 - s) + w_y 4 t (1 - t), s and t from 0 to 1 across it.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def solve_bundle(
     with the number of views and not with its cube. The covariance is that of the linearised problem times the
     variance of the residuals. Bow as in mrcal's documentation, "calibration object deformation".
     """
-    free = _Free(radial_terms + 6, bowed)
+    free = _Free(radial_terms + 6, warped)
     used = [np.ones(len(each.seen_px), dtype=bool) for each in points]
     state = _State(values.astype(float), poses.astype(float), np.zeros(2))
     for _ in range(_ROUNDS):
@@ -169,7 +169,7 @@ def solve_bundle(
     state = _minimise(kept, state, free)
     residuals = tuple(_residual(state, k, each) for k, each in enumerate(points))
     covariance, dof = _covariance(_reduced(kept, state, free), free, kept)
-    warp = (float(state.warp[0]), float(state.warp[1])) if bowed else None
+    warp = (float(state.warp[0]), float(state.warp[1])) if warped else None
     return Bundle(state.values, covariance, state.poses, warp, residuals, tuple(used), dof)
 
 
@@ -182,19 +182,19 @@ def _not_wrong(residuals: Sequence[Array]) -> list[NDArray[np.bool_]]:
 
 @dataclass(frozen=True)
 class _Free:
-    """Which shared parameters are free: the first `lens` of `LENS_NAMES`, then the two bows or none."""
+    """Which shared parameters are free: the first `lens` of `LENS_NAMES`, then the two warps or none."""
 
     lens: int
-    bowed: bool
+    warped: bool
 
     @property
     def size(self) -> int:
-        return self.lens + 2 * self.bowed
+        return self.lens + 2 * self.warped
 
     def moved(self, state: _State, shared: Array, poses: Array) -> _State:
         values, warp = state.values.copy(), state.warp.copy()
         values[: self.lens] += shared[: self.lens]
-        if self.bowed:
+        if self.warped:
             warp += shared[self.lens :]
         return _State(values, state.poses + poses, warp)
 
@@ -205,7 +205,7 @@ def placed(points: BoardPoints, pose: Array, warp_mm: tuple[float, float] | None
 
 
 def _bent(points: BoardPoints, warp: Array) -> Array:
-    return np.asarray(points.board_mm + np.outer(points.bow @ warp, [0, 0, 1]))
+    return np.asarray(points.board_mm + np.outer(points.warp_shape @ warp, [0, 0, 1]))
 
 
 def _turn(pose: Array) -> Array:
@@ -230,12 +230,12 @@ def camera_matrix(values: Array) -> Array:
 
 
 def _shared_gradient(state: _State, view: int, points: BoardPoints, jacobian: Array, free: _Free) -> Array:
-    """Derivatives by the shared parameters; a bow moves a point along the board's normal."""
+    """Derivatives by the shared parameters; a warp moves a point along the board's normal."""
     lens = jacobian[:, _POSE : _POSE + free.lens]
-    if not free.bowed:
+    if not free.warped:
         return lens
     lift = jacobian[:, 3:_POSE] @ _turn(state.poses[view])[:, 2]
-    return np.column_stack([lens, lift[:, None] * np.repeat(points.bow, 2, axis=0)])
+    return np.column_stack([lens, lift[:, None] * np.repeat(points.warp_shape, 2, axis=0)])
 
 
 def _reduced(points: Sequence[BoardPoints], state: _State, free: _Free) -> _Reduced:

@@ -62,7 +62,7 @@ class LensFit:
         fewer than four views in a half.
     inflation
         Factor on the lens's standard uncertainties: the halves differ by so much more than the scatter of
-        the points explains (a bent board, blur, a lens with more terms); 1 if they do not. It also holds
+        the points explains (a warped board, blur, a lens with more terms); 1 if they do not. It also holds
         what Brown's lens leaves of a richer one.
     rich
         The lens with more terms, if one was asked for.
@@ -139,7 +139,7 @@ def fit_lens(
     radial_terms
         Of Brown's lens: 2, or 3 with k3 free too: beyond the outermost points the third one runs wild.
     flat_board
-        Take the board as flat. Otherwise its bow is solved for, where all views show all of one board.
+        Take the board as flat. Otherwise its warp is solved for, where all views show all of one board.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def fit_lens(
 
     Notes
     -----
-    The covariance of the lens is that of the joint least squares over lens, bow and poses, the last two
+    The covariance of the lens is that of the joint least squares over lens, warp and poses, the last two
     eliminated; the variance of a point comes from the residuals.
     """
     _demand(views)
@@ -158,7 +158,7 @@ def fit_lens(
     if model != "brown" and (solver == "opencv" or not mrcal_wall.available()):
         raise FitError(f"the model {model} is solved by mrcal alone; install fringecal[mrcal], or fit Brown's lens")
     use_mrcal = mrcal_wall.available() if solver == "auto" else solver == "mrcal"
-    # A bow belongs to one board; views of differently cut grids do not share their points.
+    # A warp belongs to one board; views of differently cut grids do not share their points.
     one_board = len({view.points_px.shape for view in views}) == 1
     way = Way(use_mrcal, model, radial_terms, flat_board or not one_board)
     solved, dropped = _without_disagreeing_views(views, shape, way)

@@ -109,7 +109,7 @@ class SolvedLens:
 def solve_lens(views: Sequence[BoardView], shape: tuple[int, int], way: Way) -> SolvedLens:
     """Start by OpenCV and solve the bundle; on request hand that to mrcal as its start."""
     points = [board_points(view.points_px, view.spacing_mm) for view in views]
-    bundle = solve_bundle(points, *_started(points, shape), radial_terms=way.radial_terms, bowed=not way.flat_board)
+    bundle = solve_bundle(points, *_started(points, shape), radial_terms=way.radial_terms, warped=not way.flat_board)
     refuse_undetermined(bundle.values, bundle.covariance, scatter_px=_scatter_px(bundle))
     lens = Lens(bundle.values, bundle.covariance, shape[1], shape[0])
     if way.model != "brown":
@@ -136,11 +136,11 @@ def _by_mrcal(
         shown.append(points)
     model, values = start
     seed = (values, bundle.poses)
-    return mrcal_wall.solve(shown, views[0].spacing_mm, seed, shape, model=model, bowed=not way.flat_board)
+    return mrcal_wall.solve(shown, views[0].spacing_mm, seed, shape, model=model, warped=not way.flat_board)
 
 
 def _taken_over(bundle: Bundle, found: MrcalSolution, views: Sequence[BoardView]) -> Bundle:
-    """Put mrcal's poses, bow and residuals in the place of the bundle's own."""
+    """Put mrcal's poses, warp and residuals in the place of the bundle's own."""
     pairs = zip(found.residuals, views, strict=True)
     residuals = tuple(rest[np.isfinite(view.points_px).all(axis=-1)] for rest, view in pairs)
     return replace(bundle, poses=found.poses, warp_mm=found.warp_mm, residuals=residuals, dof=found.dof)

@@ -113,10 +113,10 @@ def projection_difference_px(first: Lens, second: Lens) -> Array:
     rays = first.unproject(pixels)
     known = np.isfinite(rays).all(axis=1)
 
-    def misfit(turn: Array) -> Array:
+    def residual(turn: Array) -> Array:
         return (second.project(Rotation.from_rotvec(turn).apply(rays[known])) - pixels[known]).ravel()
 
-    rest = least_squares(misfit, np.zeros(3), x_scale=_TURN_SCALE_RAD).fun.reshape(-1, 2)
+    rest = least_squares(residual, np.zeros(3), x_scale=_TURN_SCALE_RAD).fun.reshape(-1, 2)
     apart = np.full(len(pixels), np.nan)
     apart[known] = np.hypot(rest[:, 0], rest[:, 1])
     return apart

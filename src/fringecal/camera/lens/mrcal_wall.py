@@ -55,7 +55,7 @@ def solve(
     shape: tuple[int, int],
     *,
     model: str,
-    bowed: bool = True,
+    warped: bool = True,
 ) -> MrcalSolution:
     """Solve for lens, poses and the board's warp; every point that is shown counts.
 
@@ -72,7 +72,7 @@ def solve(
     model
         mrcal's name of the lens model. A splined one keeps its core (its surface takes all that the core could)
         and is kept smooth by mrcal's regularisation.
-    bowed
+    warped
         Whether the board may have a warp.
 
     Raises
@@ -81,7 +81,7 @@ def solve(
         mrcal is not installed, or the solve failed.
     """
     mrcal = _mrcal()
-    inputs = _inputs(views, spacing_mm, *start, shape) | _choices(model, bowed=bowed)
+    inputs = _inputs(views, spacing_mm, *start, shape) | _choices(model, warped=warped)
     try:
         stats = mrcal.optimize(**inputs)
     except Exception as error:
@@ -151,17 +151,17 @@ def _inputs(
     }
 
 
-def _choices(model: str, *, bowed: bool) -> dict[str, Any]:
+def _choices(model: str, *, warped: bool) -> dict[str, Any]:
     """What `mrcal.optimize` is to solve for."""
     splined = model.startswith(_SPLINED)
     return {
         "lensmodel": model,
-        "calobject_warp": np.zeros(2) if bowed else None,
+        "calobject_warp": np.zeros(2) if warped else None,
         "do_optimize_intrinsics_core": not splined,
         "do_optimize_intrinsics_distortions": True,
         "do_optimize_extrinsics": False,
         "do_optimize_frames": True,
-        "do_optimize_calobject_warp": bowed,
+        "do_optimize_calobject_warp": warped,
         "do_apply_outlier_rejection": False,
         "do_apply_regularization": splined,
         "verbose": False,

@@ -32,7 +32,7 @@ class RadialLens:
         k1, k2 ... and p1, p2.
     inverse
         False: the polynomial leads from ideal points to seen ones (Brown, OpenCV). True: from seen ones to
-        ideal ones, which needs fewer terms where the lens bends by tenths of the radius.
+        ideal ones, which needs fewer terms where the lens displaces points by tenths of the radius.
     """
 
     centre_px: tuple[float, float]

@@ -108,15 +108,15 @@ def brown_of(rich: RichLens, rays: Array, *, start: Array, radial_terms: int = 3
     seen, free = rich.project(rays), radial_terms + 6
     scale = np.concatenate([np.maximum(np.abs(start[:free]), _LEAST_SCALE), np.ones(3)])
 
-    def misfit(vector: Array) -> Array:
+    def residual(vector: Array) -> Array:
         values = np.pad(vector[:free], (0, len(LENS_NAMES) - free))
         return (project(values, Rotation.from_rotvec(vector[free:]).apply(rays)) - seen).ravel()
 
     begin = np.concatenate([start[:free], np.zeros(3)])
-    solved = least_squares(misfit, begin, x_scale=scale, xtol=_TOLERANCE, ftol=_TOLERANCE)
+    solved = least_squares(residual, begin, x_scale=scale, xtol=_TOLERANCE, ftol=_TOLERANCE)
     gradient = np.stack(
         [
-            (misfit(solved.x + step) - misfit(solved.x - step)) / (2 * step.sum())
+            (residual(solved.x + step) - residual(solved.x - step)) / (2 * step.sum())
             for step in np.diag(_BROWN_STEP * scale)
         ],
         axis=1,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate.plate_components import stated_components, tilt_components
-from fringecal.camera.plate.plate_problem import Problem, bends_of, camera_of, first_guess, misfit_px, prepare
+from fringecal.camera.plate.plate_problem import Problem, camera_of, deformations_of, first_guess, prepare, residual_px
 from fringecal.camera.plate.plate_solve import MIN_CROSSINGS, Solution, solve_robustly
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate, UncertaintyComponent
@@ -112,7 +112,7 @@ def _report(problem: Problem, solution: Solution, keep: NDArray[np.bool_]) -> Ca
     tilt = tilt_components(camera, dof)
     covariance = sum((np.outer(c.effect, c.effect) for c in tilt), np.zeros((len(CAMERA_NAMES),) * 2))
     covariance[np.ix_(free, free)] += solution.covariance[: len(free), : len(free)]
-    du, dv = (np.where(keep, d, np.nan) for d in misfit_px(problem, solution.vector))
+    du, dv = (np.where(keep, d, np.nan) for d in residual_px(problem, solution.vector))
     return CameraFit(
         camera=camera.replaced(camera.parameters, covariance),
         residual_u_px=du,
@@ -122,5 +122,5 @@ def _report(problem: Problem, solution: Solution, keep: NDArray[np.bool_]) -> Ca
         free=tuple(CAMERA_NAMES[i] for i in free),
         turn_deg=math.degrees(solution.vector[len(free)]),
         components=(*stated_components(problem, solution, dof), *tilt),
-        strain=float(np.sum(bends_of(problem, solution.vector) ** 2)),
+        strain=float(np.sum(deformations_of(problem, solution.vector) ** 2)),
     )

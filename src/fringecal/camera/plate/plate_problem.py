@@ -29,8 +29,8 @@ TELECENTRIC_TILT_RAD = math.radians(1.0)
 #: How far lines may be out of place at half a diagonal from the image centre: lines nearly along the pixels, of a pitch
 #: near a whole number of them, are placed with an error that walks slowly over the picture (0.005 px on drawn pictures,
 #: 0.02 px at most), and no paper lies flatter. Left out, a long lens takes it for tilt.
-_BEND_U_PX = 0.005
-_BENDS = 7  # a shear; u^2, uv, v^2 in either coordinate
+_DEFORMATION_U_PX = 0.005
+_DEFORMATIONS = 7  # a shear; u^2, uv, v^2 in either coordinate
 _FREE_PX = (
     100.0  # the shear that parallel rays make where they are tilted: no observation beside crossings known to 0.05 px
 )
@@ -87,18 +87,18 @@ class Problem:
         return _LEAST_HEIGHT_U_MM if self.height is None else max(self.height.u, _LEAST_HEIGHT_U_MM)
 
     @cached_property
-    def bent_px(self) -> Array:
-        """What one pixel of each bend does to the crossings, along u and along v, (2, bends, n)."""
+    def deformed_px(self) -> Array:
+        """What one pixel of each deformation does to the crossings, along u and along v, (2, deformations, n)."""
         (u0, v0), half = self.start.centre_px, math.hypot(self.start.width_px, self.start.height_px) / 2
         u, v = (self.u - u0) / half, (self.v - v0) / half
         squares, none = np.stack([u * u, u * v, v * v]), np.zeros((3, u.size))
         return np.stack([np.vstack([v, squares, none]), np.vstack([u, none, squares])])
 
     @cached_property
-    def bend_u_px(self) -> Array:
-        """Standard uncertainty of every bend."""
-        u = np.full(_BENDS, _BEND_U_PX)
-        u[0] = _FREE_PX if self.start.telecentric else _BEND_U_PX
+    def deformation_u_px(self) -> Array:
+        """Standard uncertainty of every deformation."""
+        u = np.full(_DEFORMATIONS, _DEFORMATION_U_PX)
+        u[0] = _FREE_PX if self.start.telecentric else _DEFORMATION_U_PX
         return u
 
     @cached_property
@@ -183,7 +183,8 @@ def lens_rows(lens: Lens) -> tuple[NDArray[np.int64], Array]:
 def first_guess(problem: Problem) -> Array:
     """Similarity from plate to picture: scale, turn and shift, everything else nothing.
 
-    The vector holds the free parameters of the camera; turn, shift (two) and stretch of the sheet; bends of its lines.
+    The vector holds the free parameters of the camera; turn, shift (two) and stretch of the sheet; deformations of its
+    lines.
     """
     u0, v0 = problem.start.centre_px
     plate = problem.x + 1j * problem.y
@@ -203,7 +204,7 @@ def first_guess(problem: Problem) -> Array:
         camera[-1] = problem.lens["fx_px"] * scale
     origin = shift * scale
     return np.concatenate(
-        [camera[list(problem.free)], [np.angle(gain), origin.real, origin.imag], np.zeros(1 + _BENDS)]
+        [camera[list(problem.free)], [np.angle(gain), origin.real, origin.imag], np.zeros(1 + _DEFORMATIONS)]
     )
 
 
@@ -226,31 +227,38 @@ def noticeable(problem: Problem, vector: Array) -> Array:
     size |= {"height_mm": _NOTICEABLE.height * camera["height_mm"]}
     shift = _NOTICEABLE.px * camera["scale_mm_per_px"]
     return np.array(
-        [*(size[CAMERA_NAMES[i]] for i in problem.free), share, shift, shift, share, *[_BEND_U_PX] * _BENDS]
+        [
+            *(size[CAMERA_NAMES[i]] for i in problem.free),
+            share,
+            shift,
+            shift,
+            share,
+            *[_DEFORMATION_U_PX] * _DEFORMATIONS,
+        ]
     )
 
 
-def misfit_px(problem: Problem, vector: Array) -> tuple[Array, Array]:
+def residual_px(problem: Problem, vector: Array) -> tuple[Array, Array]:
     """Return observed minus modelled crossings, along u and along v."""
-    turn, x0, y0, stretch, *bends = vector[len(problem.free) :]
+    turn, x0, y0, stretch, *deformations = vector[len(problem.free) :]
     cosine, sine = (1 + stretch) * math.cos(turn), (1 + stretch) * math.sin(turn)
     x = cosine * problem.x - sine * problem.y + x0
     y = sine * problem.x + cosine * problem.y + y0
     u, v = camera_of(problem, vector).project(x, y)
-    bent_u, bent_v = np.array(bends) @ problem.bent_px
-    return problem.u - u - bent_u, problem.v - v - bent_v
+    deformed_u, deformed_v = np.array(deformations) @ problem.deformed_px
+    return problem.u - u - deformed_u, problem.v - v - deformed_v
 
 
-def bends_of(problem: Problem, vector: Array) -> Array:
-    """Return the bends of the sheet's lines over their standard uncertainties."""
-    return np.asarray(vector[-_BENDS:] / problem.bend_u_px)
+def deformations_of(problem: Problem, vector: Array) -> Array:
+    """Return the deformations of the sheet's lines over their standard uncertainties."""
+    return np.asarray(vector[-_DEFORMATIONS:] / problem.deformation_u_px)
 
 
 def residuals(problem: Problem, vector: Array, keep: NDArray[np.bool_], factor: float) -> Array:
-    """Return misfits of crossings, and of all that is stated, each over its standard uncertainty."""
-    du, dv = misfit_px(problem, vector)
+    """Return residuals of crossings, and of all that is stated, each over its standard uncertainty."""
+    du, dv = residual_px(problem, vector)
     sigma = problem.sigma[keep] * factor
-    rows = [du[keep] / sigma, dv[keep] / sigma, bends_of(problem, vector)]
+    rows = [du[keep] / sigma, dv[keep] / sigma, deformations_of(problem, vector)]
     rows.append(np.atleast_1d(vector[problem.stretch_place] / problem.stretch_u))
     rows += [np.atleast_1d(vector[i] / u) for i, u in problem.u_of_zero.items()]
     camera = camera_of(problem, vector)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from fringecal.camera.distortion.crossing_scatter import shared_scatter
-from fringecal.camera.plate.plate_problem import Problem, misfit_px, noticeable, residuals
+from fringecal.camera.plate.plate_problem import Problem, noticeable, residual_px, residuals
 from fringecal.errors import FitError
 from fringecal.numerics import robust_sd
 
@@ -89,10 +89,10 @@ def solve_robustly(
     """Solve, drop crossings that disagree, solve again with sigma scaled to the residuals found."""
     keep = np.ones(problem.u.size, dtype=bool)
     # From afar the crossings count little beside what is stated, or a first step may throw the height away.
-    far = float(np.sqrt(np.mean((np.concatenate(misfit_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
+    far = float(np.sqrt(np.mean((np.concatenate(residual_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
     solution = _solve(problem, start, keep, max(1.0, far))
     for _ in range(_ROUNDS):
-        du, dv = misfit_px(problem, solution.vector)
+        du, dv = residual_px(problem, solution.vector)
         size = np.hypot(du, dv) / problem.sigma
         robust = robust_sd(np.concatenate([du, dv]) / np.tile(problem.sigma, 2), about=0)
         keep = size < _OUTLIER * math.sqrt(2) * max(robust, _LEAST_ROBUST)

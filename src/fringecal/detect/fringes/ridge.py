@@ -88,13 +88,13 @@ def ridge_centres(image: ArrayLike, period_px: float, *, along: str = "rows") ->
     slope = ndimage.gaussian_filter(grey, (across, _ALONG_PX), order=(1, 0), mode="nearest")
     rows, columns = np.nonzero((slope[:-1] > 0) != (slope[1:] > 0))
     above, below = slope[rows, columns], slope[rows + 1, columns]
-    bend = np.abs(above - below)
-    strong = bend > _LEAST_SLOPE * float(np.median(bend)) if bend.size else np.zeros(0, bool)
+    curvature = np.abs(above - below)
+    strong = curvature > _LEAST_SLOPE * float(np.median(curvature)) if curvature.size else np.zeros(0, bool)
     margin = _BORDER_KERNELS * across
     strong &= (rows >= margin) & (rows < grey.shape[0] - 1 - margin)
-    rows, columns, above, below, bend = (a[strong] for a in (rows, columns, above, below, bend))
+    rows, columns, above, below, curvature = (a[strong] for a in (rows, columns, above, below, curvature))
     v = rows + above / (above - below)
-    sigma = grey_noise(grey) * _kernel_norm(across) / bend
+    sigma = grey_noise(grey) * _kernel_norm(across) / curvature
     return Centres(columns.astype(float), v, sigma, above > below)
 
 

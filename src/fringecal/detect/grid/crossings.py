@@ -23,7 +23,7 @@ QUADRATIC_POINTS = 5
 MIN_POINTS = 2
 # Standard deviation of the points' index along the line: one edge alone (0.2) aims too badly.
 MIN_SPREAD = 0.3
-# Of the normal equations scaled to a unit diagonal, where 1 is best: below, slope and bow are rounding errors.
+# Of the normal equations scaled to a unit diagonal, where 1 is best: below, slope and curvature are rounding errors.
 MIN_DETERMINANT = 1e-10
 # Lines that meet at less than about 15 degrees are not a grid's two families.
 MIN_CROSSING_SINE = 0.25
@@ -43,7 +43,7 @@ class LocalLines:
     Parameters
     ----------
     coefficients
-        Offset, slope and bow, px per index to the powers 0, 1, 2, (rows, columns, 3); NaN where unknown.
+        Offset, slope and curvature, px per index to the powers 0, 1, 2, (rows, columns, 3); NaN where unknown.
     covariance
         Of the coefficients, (rows, columns, 3, 3), for the points' own sigma.
     """
@@ -132,7 +132,7 @@ def _solve_parabolas(sums: FloatArray, count: IntArray) -> LocalLines:
     matrix[unknown] = np.eye(3)
     scale = np.sqrt(np.maximum(np.einsum("...ii->...i", matrix), NO_WEIGHT))
     matrix = matrix / (scale[..., :, None] * scale[..., None, :])
-    # Points in one short piece do not determine slope and bow; the condition guards the extrapolation.
+    # Points in one short piece do not determine slope and curvature; the condition guards the extrapolation.
     unknown |= np.linalg.det(matrix) < MIN_DETERMINANT
     matrix[unknown] = np.eye(3)
     covariance = np.linalg.inv(matrix) / (scale[..., :, None] * scale[..., None, :])

@@ -16,7 +16,7 @@ IntArray = npt.NDArray[np.int64]
 
 # Gauss-Newton steps smaller than this, px, are the last ones: while the grid is still being extended, and at the end.
 ROUGH_PX, FINE_PX = 0.1, 3e-3
-# A patch this long keeps the bow of a strongly bent line (radius 2000 px) below 0.003 px on average.
+# A patch this long keeps the curvature of a strongly bent line (radius 2000 px) below 0.003 px on average.
 PATCH_LENGTH_PX = 9.0
 # Patches of the longest edges (108 px): more of them know a crossing no better.
 MAX_PATCHES = 12

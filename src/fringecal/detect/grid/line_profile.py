@@ -166,12 +166,12 @@ def fit_profile(distance_px: FloatArray, brightness: FloatArray) -> LineProfile:
     above = brightness > 0.5 * peak  # the width at half height is the first guess
     width = max(1.0, float(above.sum()) * float(distance_px[1] - distance_px[0]))
 
-    def misfit(p: FloatArray) -> FloatArray:
+    def residual(p: FloatArray) -> FloatArray:
         return p[2] * LineProfile(p[0], p[1]).height(distance_px) + p[3] - brightness / peak
 
     half = float(distance_px[-1])
     fit = optimize.least_squares(
-        misfit,
+        residual,
         [min(width, 1.5 * half), BLUR_PX, 1.0, 0.0],
         bounds=(LEAST, [2 * half, half, MOST_PEAK, 1.0]),
         x_scale=[1.0, 0.3, 1.0, 0.3],  # about what each changes by

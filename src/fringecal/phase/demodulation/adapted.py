@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
 from fringecal.phase.demodulation.corrections import correct_phase_shifts
-from fringecal.phase.demodulation.demodulate import MISFIT_SHARE, PhaseMap, demodulate
+from fringecal.phase.demodulation.demodulate import RESIDUAL_SHARE, PhaseMap, demodulate
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, PhaseShiftEstimate, phase_shifts_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 from fringecal.phase.demodulation.waveform import Waveform, correct_gamma, phase_error, ripple_rms, waveform_of_blocks
@@ -214,7 +214,7 @@ def _demodulated(
     # What the harmonics leave as a residual is no fault once their cause is known; it counts per spare frame.
     count = len(scheme.phase_shifts_rad)
     harmonics = 0.0 if wave is None else float(np.abs(wave.ratios).sum())
-    allowed = MISFIT_SHARE + harmonics * np.sqrt(count / max(count - 3, 1))
+    allowed = RESIDUAL_SHARE + harmonics * np.sqrt(count / max(count - 3, 1))
     map_ = demodulate(frames, scheme, white_level=white_level, max_residual=allowed)
     if change.any():
         map_ = correct_phase_shifts(map_, scheme, change)

@@ -22,8 +22,8 @@ MIN_MODULATION_SHARE = 0.05
 """Least modulation as a share of what the picture's better part has (95th percentile): below it, stray light
 and the ringing of compressed pictures, whose noise cannot be seen between neighbours, look like fringes."""
 
-MISFIT_SIGMAS, MISFIT_SHARE = 5.0, 0.15
-"""An rms residual is a misfit beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
+RESIDUAL_SIGMAS, RESIDUAL_SHARE = 5.0, 0.15
+"""An rms residual is too large beyond five sigma and beyond 15 % of the modulation; a projector's gamma is less."""
 
 TYPICAL_PERCENTILE = 95
 """Percentile of a picture's modulation or brightness that stands for its better part: no hot pixel, no shadow."""
@@ -91,7 +91,7 @@ def demodulate(
     dark_level: float | None = None,
     noise: Noise | None = None,
     min_modulation: float | None = None,
-    max_residual: float = MISFIT_SHARE,
+    max_residual: float = RESIDUAL_SHARE,
     out: PhaseMap | None = None,
 ) -> PhaseMap:
     """Demodulate N phase-shifted frames by least squares, or by a named scheme.
@@ -149,7 +149,7 @@ def demodulate(
         np.float32(_DARK_SIGMAS * read_sigma if dark_level is None else dark_level),
         np.float32(max(min_modulation, _LEAST_MODULATION)),
         np.float32(MAX_SIGMA_RAD),
-        np.float32(MISFIT_SIGMAS * noise.sigma(_typical_grey(grey))),
+        np.float32(RESIDUAL_SIGMAS * noise.sigma(_typical_grey(grey))),
         np.float32(max_residual),
     )
     result = _buffers(grey.shape[1:], noise, out)

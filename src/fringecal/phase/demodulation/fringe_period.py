@@ -169,5 +169,5 @@ def carrier(image: ArrayLike) -> FringePeriod:
 
 def _parabola(left: float, centre: float, right: float) -> float:
     """Return the vertex of a parabola through three equally spaced values, from the middle one."""
-    bend = left - 2 * centre + right
-    return 0.0 if bend >= 0 else float(0.5 * (left - right) / bend)
+    curvature = left - 2 * centre + right
+    return 0.0 if curvature >= 0 else float(0.5 * (left - right) / curvature)

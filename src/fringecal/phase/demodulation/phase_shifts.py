@@ -34,7 +34,7 @@ _CHANCE = 0.0027  # three standard deviations of a normal distribution
 _LEAST_BLOCKS = 4  # one more than a plane over the field has coefficients
 _LEAST_PLACES = 4  # along an axis, for a change of the phase shifts to be seen along it: as above
 _PLACES_ALONG = 8  # parts of the picture's length that count as places
-_CLEARLY = 0.8  # times the misfit of a factor: an offset must explain the backgrounds by a fifth better
+_CLEARLY = 0.8  # times the residual of a factor: an offset must explain the backgrounds by a fifth better
 _ROUNDS, _CONVERGED_RAD = (
     3,
     1e-5,
@@ -199,7 +199,7 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> Ph
     v = np.array([block.v_px for block in blocks]) - (shape[0] - 1) / 2
     fits = [_robust_plane(u, v, error) for error in errors.T]
     mean, u_mean, gradient, u_gradient = (np.array(part) for part in zip(*fits, strict=True))
-    # Blocks above one another share what bends the carrier there: one column of them is one witness.
+    # Blocks above one another share what bends the carrier there: one column of them counts as one.
     few = [_places(place, length) < _LEAST_PLACES for place, length in ((u, shape[1]), (v, shape[0]))]
     u_gradient[:, few] = np.inf
     background = np.array([block.background for block in blocks])

@@ -44,9 +44,9 @@ class Limits(NamedTuple):
         A modulation below this is low.
     max_sigma_rad
         A phase with a larger standard uncertainty has low modulation.
-    misfit_level
-        A larger rms residual of the least-squares fit, in grey levels, is a misfit, if it is also ...
-    misfit_share
+    residual_level
+        A larger rms residual of the least-squares fit, in grey levels, counts as too large, if it is also ...
+    residual_share
         ... larger than this share of the modulation.
     """
 
@@ -54,8 +54,8 @@ class Limits(NamedTuple):
     dark_level: np.float32
     min_modulation: np.float32
     max_sigma_rad: np.float32
-    misfit_level: np.float32
-    misfit_share: np.float32
+    residual_level: np.float32
+    residual_share: np.float32
 
 
 @njit(fastmath=_FAST, inline="always")
@@ -217,17 +217,17 @@ def _variance(c, s, vcc, vss, vcs, floor):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=_FAST, inline="always")
-def _full_pixel(sums, peak, misfit, covariance, floor, limits):  # type: ignore[no-untyped-def]
+def _full_pixel(sums, peak, mean_square, covariance, floor, limits):  # type: ignore[no-untyped-def]
     """Return phase, modulation, background, u(phi) and reasons of one pixel.
 
-    `misfit` is the mean square of the residuals; `covariance` is that of C and S (CC, SS, CS).
+    `mean_square` is the mean square of the residuals; `covariance` is that of C and S (CC, SS, CS).
     """
     a, c, s = sums
     b = np.sqrt(c * c + s * s)
     variance = _variance(c, s, covariance[0], covariance[1], covariance[2], floor)
-    limit = max(limits.misfit_level, limits.misfit_share * b)
+    limit = max(limits.residual_level, limits.residual_share * b)
     uncertain = _flag(variance > limits.max_sigma_rad * limits.max_sigma_rad, LOW_MODULATION)
-    why = np.uint8(_flags(a, b, peak, limits) | uncertain | _flag(misfit > limit * limit, MISFIT))
+    why = np.uint8(_flags(a, b, peak, limits) | uncertain | _flag(mean_square > limit * limit, MISFIT))
     valid = why == _NO_REASON
     angle, deviation = _angle(s, c, b), np.sqrt(variance)
     return angle if valid else _NAN, b, a, deviation if valid else _NAN, why

@@ -92,7 +92,7 @@ def diagnose(
     """
     grey = np.asarray(frames)
     phase_shifts = np.asarray(phase_shifts_rad, np.float64).ravel()
-    # A misfit is a symptom here, and no reason to look away.
+    # A large residual is a symptom here, and no reason to look away.
     map_ = demodulate(grey, phase_shifts, white_level=white_level, max_residual=np.inf)
     evidence = _with_reference(Evidence(sparse(grey), phase_shifts, map_, limits=limits), grey, reference, white_level)
     notes: list[str] = []

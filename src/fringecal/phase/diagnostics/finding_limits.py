@@ -21,12 +21,12 @@ class FindingLimits:
     above_noise
         Times the noise that frames must differ by for such a comparison.
     misordered
-        Frames are in another order if their misfit falls to this share of that in the order given.
+        Frames are in another order if their residual falls to this share of that in the order given.
     misfit_over_noise, misfit_of_power
-        The misfit in the order given must be above this many variances of the noise, and this share of the frames'
+        The residual in the order given must be above this many variances of the noise, and this share of the frames'
         whole variance.
     alike
-        Orders whose misfit is within this factor of the best one's fit alike.
+        Orders whose residual is within this factor of the best one's fit alike.
     most_permuted
         Frames of which all orders are tried (720 of six); of more, two are exchanged.
     mirrored_cosine

@@ -40,7 +40,7 @@ def duplicates(evidence: Evidence) -> Iterator[Finding]:
 
 
 def misordered(evidence: Evidence) -> Iterator[Finding]:
-    """Find frames in another order than their phase shifts, from the misfit of four frames and more."""
+    """Find frames in another order than their phase shifts, from the residual of four frames and more."""
     n, limits = len(evidence.frames), evidence.limits
     if n < 4:
         return
@@ -51,16 +51,16 @@ def misordered(evidence: Evidence) -> Iterator[Finding]:
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) ** 2 * (n - 3)
     as_stated = float(np.trace(outside @ power))
     orders = list(permutations(range(n))) if n <= limits.most_permuted else list(_exchanges(n))
-    misfits = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
+    residuals = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
     # Several orders of evenly spaced phase shifts fit alike: of these, the one that moves the fewest frames.
-    alike = np.flatnonzero(misfits <= limits.alike * misfits.min())
+    alike = np.flatnonzero(residuals <= limits.alike * residuals.min())
     best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
     seen = max(limits.misfit_over_noise * noise, limits.misfit_of_power * float(np.trace(power)))
-    if misfits.min() < limits.misordered * as_stated and as_stated > seen:
+    if residuals.min() < limits.misordered * as_stated and as_stated > seen:
         yield Finding(
             FindingKind.SWAPPED_FRAMES,
             f"the frames fit the stated phase shifts in the order {', '.join(str(k + 1) for k in best)}",
-            f"residual {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(misfits.min() / n):.1f} in that "
+            f"residual {np.sqrt(as_stated / n):.1f} grey levels as given, {np.sqrt(residuals.min() / n):.1f} in that "
             "order",
             float(np.pi / 2),
             "put the files into the order of steps_deg",

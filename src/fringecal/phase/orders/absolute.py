@@ -23,7 +23,7 @@ class EdgeRules:
     ----------
     continues_rad
         Most that neighbours on one surface differ by, rad: of half a turn, 1.1 rad is left to noise.
-    bend_rad, bend_sigmas
+    curvature_rad, curvature_sigmas
         Second difference from which a pixel is an edge: the larger of a tenth of a fringe and so many robust standard
         deviations of the picture's own. Below, noise would cut a surface; above, a step of a tenth of a fringe would
         pass for a slope.
@@ -36,8 +36,8 @@ class EdgeRules:
     """
 
     continues_rad: float = 2.0
-    bend_rad: float = 0.6
-    bend_sigmas: float = 6.0
+    curvature_rad: float = 0.6
+    curvature_sigmas: float = 6.0
     rough_share: float = 0.3
     beside: float = 0.01
     beside_px: int = 2
@@ -96,16 +96,16 @@ def pieces_in_cycles(phase: NDArray[np.floating], cycle: int, *, edges: EdgeRule
     edges by 1 % of the picture's shorter side: a gap in an edge that is narrower than twice as much is not passed.
     """
     turn = TURN * cycle
-    bend = _bend(phase, turn)
-    noise = robust_sd(bend, about=0)
-    bent = bend > max(edges.bend_rad, edges.bend_sigmas * noise)
-    rough = ndimage.uniform_filter(bent.astype(np.float32), 3) > edges.rough_share
+    curvature = _curvature(phase, turn)
+    noise = robust_sd(curvature, about=0)
+    curved = curvature > max(edges.curvature_rad, edges.curvature_sigmas * noise)
+    rough = ndimage.uniform_filter(curved.astype(np.float32), 3) > edges.rough_share
     reach = max(edges.beside_px, round(edges.beside * min(phase.shape)))
     inner = ndimage.distance_transform_edt(~rough) > reach if rough.any() else np.ones(phase.shape, bool)
     return Unwrapped(*hang_together(np.where(inner, phase, np.nan), turn, edges.continues_rad))
 
 
-def _bend(phase: NDArray[np.floating], turn: float) -> NDArray[np.float64]:
+def _curvature(phase: NDArray[np.floating], turn: float) -> NDArray[np.float64]:
     """Return the larger of both second differences at each pixel, up to whole cycles; NaN at masked neighbours."""
     bends = np.full((2, *phase.shape), np.nan)
     bends[0, :, 1:-1] = phase[:, 2:] - 2 * phase[:, 1:-1] + phase[:, :-2]

@@ -36,18 +36,18 @@ _CHI2_MEDIAN = 0.455  # median of chi squared with one degree of freedom
 
 @dataclass(frozen=True)
 class OrderRules:
-    """When longer periods decide the order of a fringe. Misfits are squares in standard uncertainties.
+    """When longer periods decide the order of a fringe. Chi-squared is in squares of standard uncertainties.
 
     Parameters
     ----------
     clear
-        Lead in misfit over the second best order from which a pixel decides by itself: the likelihood of the second
-        is exp(-15 / 2) of the first's, 1 in 1800.
-    most_misfit
-        Misfit per further period up to which a pixel's best order is believed: five standard uncertainties.
+        Lead in chi-squared over the second best order from which a pixel decides by itself: the likelihood of the
+        second is exp(-15 / 2) of the first's, 1 in 1800.
+    most_chi_squared
+        Chi-squared per further period up to which a pixel's best order is accepted: five standard uncertainties.
     wrong_periods
-        Median misfit per further period from which the stated periods are refused; 1 where they are right, and twice
-        the stated uncertainty makes 4.
+        Median chi-squared per further period from which the stated periods are refused; 1 where they are right, and
+        twice the stated uncertainty makes 4.
     model_rad
         Standard uncertainty of each longer phase beside noise, rad: what is left of ripple when phase shifts and gamma
         are corrected (0.001 to 0.02 rad, docs/phase.md).
@@ -60,11 +60,11 @@ class OrderRules:
         An offset is believed from this length of the mean direction of the remainders (0 to 1), and this share of the
         distance between two orders; a smaller one is noise, and harmless.
     sample
-        Pixels from which misfits are taken: their median is known to 1 %.
+        Pixels from which chi-squared are taken: their median is known to 1 %.
     """
 
     clear: float = 15.0
-    most_misfit: float = 25.0
+    most_chi_squared: float = 25.0
     wrong_periods: float = 4.0
     model_rad: float = 0.02
     most_model: float = 0.1
@@ -264,7 +264,7 @@ def decide_orders(
     long, u_long = np.ascontiguousarray(maps[others]), _combined(u_maps[others], sigma, ratios, rules)
     zeros = np.array([_zero(phi, *pair, rules) for pair in zip(long, u_long, ratios, strict=True)])
     u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths, rules)
-    order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, rules.clear, rules.most_misfit)
+    order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, rules.clear, rules.most_chi_squared)
     absolute = np.where(order >= 0, phi + np.float32(TURN) * order, np.float32(np.nan)).astype(np.float32)
     absolute[order_kernels.alone(absolute, TURN * cycle)] = np.nan
     known, valid = np.isfinite(absolute), np.isfinite(phi)
@@ -315,15 +315,15 @@ def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders 
 ) -> NDArray[np.float32]:
     """Add to the uncertainties what the pictures show beyond noise, if it is small beside the orders' distance."""
     fine, coarse, u = _sampled(phi, long, u_long, rules)
-    misfit = _own_misfit(fine, coarse, u, ratios, zeros, cycle)
+    chi_squared = _own_chi_squared(fine, coarse, u, ratios, zeros, cycle)
     most = rules.most_model * _nearest(ratios, cycle)
-    more = np.minimum(np.sqrt(max(misfit - 1, 0.0)) * np.median(u, axis=1), most)
-    left = _own_misfit(fine, coarse, np.hypot(u, more[:, None]), ratios, zeros, cycle)
+    more = np.minimum(np.sqrt(max(chi_squared - 1, 0.0)) * np.median(u, axis=1), most)
+    left = _own_chi_squared(fine, coarse, np.hypot(u, more[:, None]), ratios, zeros, cycle)
     if left > rules.wrong_periods:
         raise PhaseError(
             f"the pictures do not fit the stated periods {periods.tolist()}: the phases of the longer "
-            f"fringes deviate by {np.sqrt(misfit):.1f} standard uncertainties from what the shortest predict. Check "
-            "the order of periods and images."
+            f"fringes deviate by {np.sqrt(chi_squared):.1f} standard uncertainties from what the shortest predict. "
+            "Check the order of periods and images."
         )
     return np.hypot(u_long, more[:, None, None]).astype(np.float32)
 
@@ -349,8 +349,8 @@ def _zero(phi: NDArray, long: NDArray, u_long: NDArray, ratio: float, rules: Ord
     return offset if abs(turned) > rules.least_agreement and abs(offset) > rules.least_offset * near else 0.0
 
 
-def _own_misfit(fine: NDArray, long: NDArray, u: NDArray, ratios: NDArray, zeros: NDArray, cycle: int) -> float:
-    """Return the mean misfit per further period of the best order, outliers left out."""
+def _own_chi_squared(fine: NDArray, long: NDArray, u: NDArray, ratios: NDArray, zeros: NDArray, cycle: int) -> float:
+    """Return the mean chi-squared per further period of the best order, outliers left out."""
     best = np.full(fine.size, np.inf)
     for n in range(cycle):
         off = wrap(long - ratios[:, None] * (fine + TURN * n) - zeros[:, None])

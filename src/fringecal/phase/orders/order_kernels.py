@@ -1,14 +1,14 @@
-"""The loops of `orders`: misfit of every order at every pixel, and over its neighbours where that is not enough."""
+"""The loops of `orders`: chi-squared of every order at every pixel, and over neighbours where that is not enough."""
 
 import numpy as np
 from numba import njit, prange
 
 from fringecal.numerics import TURN
 
-# Misfits are sums of squares in standard uncertainties, one for each longer period.
-_FAR_BETTER = 4.0  # times the best order's misfit over the window that the second must have: errors twice as large
+# Chi-squared: sum of squared deviations in standard uncertainties, one for each longer period.
+_FAR_BETTER = 4.0  # times the best order's chi-squared over the window that the second must have: errors twice as large
 _MOST_OF_ONE = 9.0  # of one neighbour, three standard uncertainties: beyond an edge it fits no order of this side
-_OWN = 1e9  # a pixel's own misfit is not limited
+_OWN = 1e9  # a pixel's own chi-squared is not limited
 _SHARED = 0.2  # of a pixel's allowance that each neighbour adds: their noise averages, a common ripple does not
 _REACH = 2  # px to each side that are averaged for an uncertain pixel: 25 px, whose noise is a fifth of one's
 _LEAST_NEIGHBOURS = 3  # of eight, within half a fringe: at a straight edge five are of the same surface
@@ -16,8 +16,8 @@ _LEAST_LEAD = 2  # votes: a lead of one is one noisy pixel
 
 
 @njit(inline="always")
-def _misfit(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyped-def]
-    """Return the misfit of order n at a pixel; a longer fringe that is masked does not count."""
+def _chi_squared(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyped-def]
+    """Return the chi-squared of order n at a pixel; a longer fringe that is masked does not count."""
     total = 0.0
     for k in range(ratios.size):
         off = long[k, i, j] - ratios[k] * (phi + TURN * n) - zeros[k]
@@ -28,14 +28,14 @@ def _misfit(phi, n, long, u_long, i, j, ratios, zeros):  # type: ignore[no-untyp
 
 
 @njit(inline="always")
-def _best_two(misfits):  # type: ignore[no-untyped-def]
-    """Return the least misfit's place, the least and the second least."""
+def _best_two(chi_squareds):  # type: ignore[no-untyped-def]
+    """Return the least chi-squared's place, the least and the second least."""
     place, least, second = 0, np.inf, np.inf
-    for n in range(misfits.size):
-        if misfits[n] < least:
-            place, least, second = n, misfits[n], least
-        elif misfits[n] < second:
-            second = misfits[n]
+    for n in range(chi_squareds.size):
+        if chi_squareds[n] < least:
+            place, least, second = n, chi_squareds[n], least
+        elif chi_squareds[n] < second:
+            second = chi_squareds[n]
     return place, least, second
 
 
@@ -46,20 +46,20 @@ def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignor
     found = np.full((height, width), -1, np.int16)
     asked = np.zeros((height, width), np.bool_)
     for i in prange(height):
-        misfits = np.empty(cycle)
+        chi_squareds = np.empty(cycle)
         for j in range(width):
             if not np.isfinite(phi[i, j]):
                 continue
             for n in range(cycle):
-                misfits[n] = _misfit(phi[i, j], n, long, u_long, i, j, ratios, zeros)
-            place, least, second = _best_two(misfits)
+                chi_squareds[n] = _chi_squared(phi[i, j], n, long, u_long, i, j, ratios, zeros)
+            place, least, second = _best_two(chi_squareds)
             if second - least > clear and least < most * ratios.size:
                 found[i, j] = place
                 continue
             asked[i, j] = True
-            count = _over_window(phi, long, u_long, ratios, zeros, i, j, misfits)
-            place, least, second = _best_two(misfits)
-            # A ripple that all of them share misfits every order, but the right one far less than the others.
+            count = _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds)
+            place, least, second = _best_two(chi_squareds)
+            # A ripple that all of them share fits no order well, but the right one far less than the others.
             fits = least < most * ratios.size * (1 + _SHARED * count) or second > _FAR_BETTER * least
             if second - least > clear and fits:
                 found[i, j] = place
@@ -67,11 +67,11 @@ def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignor
 
 
 @njit
-def _over_window(phi, long, u_long, ratios, zeros, i, j, misfits):  # type: ignore[no-untyped-def]
-    """Sum the misfits over the neighbours, each in the order that continues the pixel's own."""
+def _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds):  # type: ignore[no-untyped-def]
+    """Sum the chi-squared over the neighbours, each in the order that continues the pixel's own."""
     height, width = phi.shape
-    cycle = misfits.size
-    misfits[:] = 0.0
+    cycle = chi_squareds.size
+    chi_squareds[:] = 0.0
     count = 0
     for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
         for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
@@ -82,7 +82,9 @@ def _over_window(phi, long, u_long, ratios, zeros, i, j, misfits):  # type: igno
             count += 1
             weight = ratios.size * (1.0 if a != i or b != j else _OWN)
             for n in range(cycle):
-                misfits[n] += min(_misfit(there, n + over, long, u_long, a, b, ratios, zeros), _MOST_OF_ONE * weight)
+                chi_squareds[n] += min(
+                    _chi_squared(there, n + over, long, u_long, a, b, ratios, zeros), _MOST_OF_ONE * weight
+                )
     return count
 
 

@@ -18,7 +18,9 @@ from fringecal.phase.single_frame.line_carrier import LineCarrier
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_DEGREE = 4  # of the polynomial over the picture: perspective and the bend of a lens, as far as noise lets them be seen
+_DEGREE = (
+    4  # of the polynomial over the picture: perspective and the distortion of a lens, as far as noise lets them be seen
+)
 _POINTS = 20_000  # pixels that are fitted, for fifteen coefficients
 _LEAST_PIXELS = 1000  # with fringes: fewer do not show the plate beside the strips
 _MODULATION_SHARE = 0.25  # of the picture's own, below which a pixel carries no fringes

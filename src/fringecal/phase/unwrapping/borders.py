@@ -29,7 +29,7 @@ _BESIDE_PX = 2  # to either side over which the continuation is averaged
 @njit(cache=True)
 def _continued(values, labels, row, column, towards):  # type: ignore[no-untyped-def]
     """Continue a region to half a pixel beyond (row, column) along the first axis: value, slope, change of slope."""
-    label, total, slope, bend, count = labels[row, column], 0.0, 0.0, 0.0, 0
+    label, total, slope, curvature, count = labels[row, column], 0.0, 0.0, 0.0, 0
     for beside in range(-_BESIDE_PX, _BESIDE_PX + 1):
         c = column + beside
         far = row - _BEHIND_PX[2] * towards
@@ -42,11 +42,11 @@ def _continued(values, labels, row, column, towards):  # type: ignore[no-untyped
         far_slope = (values[two, c] - values[far, c]) / 2
         total += values[one, c]
         slope += (near_slope + far_slope) / 2
-        bend += near_slope - far_slope
+        curvature += near_slope - far_slope
         count += 1
     if count == 0:
         return np.nan, np.nan, np.nan
-    return (total + (_BEHIND_PX[0] + 0.5) * slope) / count, slope / count * towards, abs(bend) / count
+    return (total + (_BEHIND_PX[0] + 0.5) * slope) / count, slope / count * towards, abs(curvature) / count
 
 
 @njit(cache=True)
@@ -54,12 +54,12 @@ def _steps_over(values, labels, rows, columns):  # type: ignore[no-untyped-def]
     """Step from one side to the other of borders between row and row + 1, and what it may differ from whole fringes."""
     steps, tolerances = np.zeros(rows.size), np.zeros(rows.size)
     for i in range(rows.size):
-        above, slope_above, bend_above = _continued(values, labels, rows[i], columns[i], 1)
-        below, slope_below, bend_below = _continued(values, labels, rows[i] + 1, columns[i], -1)
+        above, slope_above, curvature_above = _continued(values, labels, rows[i], columns[i], 1)
+        below, slope_below, curvature_below = _continued(values, labels, rows[i] + 1, columns[i], -1)
         if np.isfinite(above) and np.isfinite(below):
             steps[i] = above - below
             folded = _BESIDE_FOLD_PX * abs(slope_above - slope_below)
-            tolerances[i] = min(_MEETING_RAD + folded + _CURVED * (bend_above + bend_below), _MOST_RAD)
+            tolerances[i] = min(_MEETING_RAD + folded + _CURVED * (curvature_above + curvature_below), _MOST_RAD)
         else:
             # Too narrow to be continued: the pair says which order is nearest, and does not count as meeting.
             steps[i] = values[rows[i], columns[i]] - values[rows[i] + 1, columns[i]]

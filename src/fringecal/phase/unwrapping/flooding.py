@@ -13,12 +13,13 @@ from fringecal.numerics import TURN, robust_sd, wrap
 
 _TURN, _PER_TURN = np.float32(TURN), np.float32(1 / TURN)
 # Change of slope over three px above which the smoothed phase is cut: so many standard deviations of the noise, but
-# not less than a smooth surface bends, and not so much that an edge of 0.45 rad, a fourteenth of a fringe, passes.
-_BEND_SIGMAS, _BEND_LIMITS_RAD = 6.0, (0.12, 0.45)
+# not less than the curvature of a smooth surface, and not so much that an edge of 0.45 rad, a fourteenth of a fringe,
+# passes.
+_CURVATURE_SIGMAS, _CURVATURE_LIMITS_RAD = 6.0, (0.12, 0.45)
 _NEIGHBOURS = np.float32(9)  # of a 3 x 3 square, all of which must be valid
 # Variance of nine neighbours above which they disagree: their mean direction is then shorter than 0.6, rad^2.
 _MOST_VARIANCE = np.float32(-2 * np.log(0.6))
-_SAMPLE_ROWS = 200  # of the picture, along which the noise of the bend is measured
+_SAMPLE_ROWS = 200  # of the picture, along which the noise of the curvature is measured
 _BRIDGE_PX = 5  # side of the square that smooth parts must hold: a bridge over an edge is narrower
 
 
@@ -56,26 +57,26 @@ def _means(phase, mean, steady):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always")
-def _bend(before, left, right, after):  # type: ignore[no-untyped-def]
+def _curvature(before, left, right, after):  # type: ignore[no-untyped-def]
     """Return the change of slope from the pair two px before to the pair two px after; 0 where one is missing."""
-    bend = abs(_wrapped(after - right - left + before))
-    return bend if bend == bend else np.float32(0)
+    curvature = abs(_wrapped(after - right - left + before))
+    return curvature if curvature == curvature else np.float32(0)
 
 
 @njit(parallel=True, cache=True)
-def _cut_at_bends(mean, limits, steady):  # type: ignore[no-untyped-def]
-    """Clear the pixels around which the mean bends more than its limit along rows or columns."""
+def _cut_at_curvature(mean, limits, steady):  # type: ignore[no-untyped-def]
+    """Clear the pixels around which the mean curvature exceeds its limit along rows or columns."""
     height, width = mean.shape
     for i in prange(2, height - 2):
         up, above, here, below, down = mean[i - 2], mean[i - 1], mean[i], mean[i + 1], mean[i + 2]
         for j in range(2, width - 2):
-            across = _bend(up[j], above[j], below[j], down[j])
-            along = _bend(here[j - 2], here[j - 1], here[j + 1], here[j + 2])
+            across = _curvature(up[j], above[j], below[j], down[j])
+            along = _curvature(here[j - 2], here[j - 1], here[j + 1], here[j + 2])
             steady[i, j] = steady[i, j] if across < limits[0] and along < limits[1] else 0
 
 
 def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]:
-    """Return 1 at pixels around which the phase bends nowhere sharply, and the noise of the bend, rad.
+    """Return 1 at pixels around which the phase is nowhere strongly curved, and the noise of the curvature, rad.
 
     Parameters
     ----------
@@ -84,8 +85,10 @@ def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]
     """
     mean, steady = np.empty_like(phase), np.empty(phase.shape, np.uint8)
     _means(phase, mean, steady)
-    noise = [_noise_of_bend(mean), _noise_of_bend(mean.T)]
-    _cut_at_bends(mean, np.clip(_BEND_SIGMAS * np.array(noise), *_BEND_LIMITS_RAD).astype(np.float32), steady)
+    noise = [_noise_of_curvature(mean), _noise_of_curvature(mean.T)]
+    _cut_at_curvature(
+        mean, np.clip(_CURVATURE_SIGMAS * np.array(noise), *_CURVATURE_LIMITS_RAD).astype(np.float32), steady
+    )
     # A bridge over an edge, where the jump happens to be whole fringes, is a few pixels wide: it must not stay.
     eroded = cv2.erode(
         steady, np.ones((_BRIDGE_PX, _BRIDGE_PX), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,)
@@ -93,8 +96,8 @@ def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]
     return np.asarray(eroded, np.uint8), max(noise)
 
 
-def _noise_of_bend(mean: NDArray[np.float32]) -> float:
-    """Robust standard deviation of the bend along columns, from a sample."""
+def _noise_of_curvature(mean: NDArray[np.float32]) -> float:
+    """Robust standard deviation of the curvature along columns, from a sample."""
     lines = np.unique(np.linspace(0, max(mean.shape[1] - 1, 0), _SAMPLE_ROWS).astype(int))
     sample = mean[:, lines]
     difference = sample[4:] - sample[3:-1] - sample[1:-3] + sample[:-4]

@@ -15,7 +15,7 @@ from fringecal.phase.unwrapping.flooding import add_orders, drop_crumbs, flood, 
 from fringecal.phase.unwrapping.spatial import Unwrapped, unwrap
 
 _LEAST_PIXELS = 25  # of a region, one square of the opening that finds them; smaller ones go to their neighbours
-_QUIET_RAD = 0.1  # noise of the bend up to which neighbours in a smooth region never differ by half a fringe
+_QUIET_RAD = 0.1  # noise of the curvature up to which neighbours in a smooth region never differ by half a fringe
 
 
 def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:

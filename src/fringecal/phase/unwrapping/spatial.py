@@ -150,7 +150,7 @@ def _classify(badness, wrapped, limits):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always", fastmath=_FAST)
-def _bend(left, centre, right):  # type: ignore[no-untyped-def]
+def _curvature(left, centre, right):  # type: ignore[no-untyped-def]
     """Return the squared wrapped second difference of three neighbours."""
     one, two = left - centre, centre - right
     one -= np.float32(TURN) * np.rint(one * np.float32(_PER_TURN))
@@ -162,13 +162,13 @@ def _bend(left, centre, right):  # type: ignore[no-untyped-def]
 def _second_differences(phase):  # type: ignore[no-untyped-def]
     """Return the sum of squared second differences in four directions; NaN where a neighbour is missing."""
     height, width = phase.shape
-    bend = np.full((height, width), np.float32(np.nan))
+    curvature = np.full((height, width), np.float32(np.nan))
     for i in prange(1, height - 1):
         above, here, below = phase[i - 1], phase[i], phase[i + 1]
         for j in range(1, width - 1):
             p = np.float32(here[j])
-            total = _bend(np.float32(here[j - 1]), p, np.float32(here[j + 1]))
-            total += _bend(np.float32(above[j]), p, np.float32(below[j]))
-            total += _bend(np.float32(above[j - 1]), p, np.float32(below[j + 1]))
-            bend[i, j] = total + _bend(np.float32(above[j + 1]), p, np.float32(below[j - 1]))
-    return bend
+            total = _curvature(np.float32(here[j - 1]), p, np.float32(here[j + 1]))
+            total += _curvature(np.float32(above[j]), p, np.float32(below[j]))
+            total += _curvature(np.float32(above[j - 1]), p, np.float32(below[j + 1]))
+            curvature[i, j] = total + _curvature(np.float32(above[j + 1]), p, np.float32(below[j - 1]))
+    return curvature

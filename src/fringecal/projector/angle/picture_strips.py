@@ -20,7 +20,7 @@ from fringecal.targets import Strips
 Array = NDArray[np.float64]
 
 _ALONG_DEG = 25.0  # between strips and fringes below which a fringe crosses hardly any edge
-_ON_LEVEL_RAD = 0.35  # a twentieth of a fringe: noise and the smooth level's misfit stay within it
+_ON_LEVEL_RAD = 0.35  # a twentieth of a fringe: noise and the smooth level's residual stay within it
 _SURE = 0.9  # share of the pixels that lie on the level their label asks for, above which no other level is tried
 
 

@@ -244,7 +244,7 @@ def _two_numbers(
     return float(solution[0] + n0 * solution[1]), float(solution[1])
 
 
-def _misfits(model: RigModel, pieces: Sequence[BlockMeans]) -> tuple[Array, Array]:
+def _residuals(model: RigModel, pieces: Sequence[BlockMeans]) -> tuple[Array, Array]:
     left, weight = [], []
     for piece in pieces:
         x, y = piece.rays.at(piece.z_mm)
@@ -255,7 +255,7 @@ def _misfits(model: RigModel, pieces: Sequence[BlockMeans]) -> tuple[Array, Arra
 
 def _rms(model: RigModel, pieces: Sequence[BlockMeans]) -> float:
     """Scatter of block means: noise and ripple fall out, a wrong order stays. Blocks at a flaw are left out."""
-    left, weight = _misfits(model, pieces)
+    left, weight = _residuals(model, pieces)
     size = np.abs(left)
     keep = size <= np.quantile(size, _USUAL_SHARE)
     return math.hypot(float(np.sqrt(np.average(left[keep] ** 2, weights=weight[keep]))), SURFACE_U_RAD)

@@ -88,7 +88,7 @@ class _PeriodSearch:
     least_change
         Of the period, below which the lateral scale may be at fault and is not judged here.
     better
-        Share of the stated period's misfit that another one must stay below.
+        Share of the stated period's residual that another one must stay below.
     """
 
     smallest: float = 0.7
@@ -272,27 +272,27 @@ def _check_period(flanks: _Points, rotation: float, shape: ZigzagShape) -> None:
     across = ZigzagPose(0.0, 0.0, rotation).across_along(flanks.x, flanks.y)[0]
     factors = np.linspace(_PERIOD.smallest, _PERIOD.largest, _PERIOD.sizes)
     sizes = [replace(shape, leg_mm=shape.leg_mm * f, ridge_radius_mm=0.0) for f in factors]
-    misfit = np.array([_shift_misfits(across, flanks.z, size)[1].min() for size in sizes])
-    best = int(np.argmin(misfit))
-    stated = float(misfit[np.argmin(np.abs(factors - 1))])
-    if abs(factors[best] - 1) > _PERIOD.least_change and misfit[best] < _PERIOD.better * stated:
+    residual = np.array([_shift_residuals(across, flanks.z, size)[1].min() for size in sizes])
+    best = int(np.argmin(residual))
+    stated = float(residual[np.argmin(np.abs(factors - 1))])
+    if abs(factors[best] - 1) > _PERIOD.least_change and residual[best] < _PERIOD.better * stated:
         raise FitError(
             f"the surface repeats every {sizes[best].base_mm:.1f} mm where the target repeats every "
             f"{shape.base_mm:.1f} mm; check the target's leg_mm, then the lateral scale"
         )
 
 
-def _shift_misfits(across: Floats, z: Floats, shape: ZigzagShape) -> tuple[Floats, Floats]:
+def _shift_residuals(across: Floats, z: Floats, shape: ZigzagShape) -> tuple[Floats, Floats]:
     """Mean distance to the endless zig-zag, capped, for shifts over one period."""
     shifts = np.arange(_PERIOD.shifts) / _PERIOD.shifts * shape.base_mm
-    misfit = np.abs(z - zigzag_height(across - shifts[:, None], shape))
-    return shifts, np.minimum(misfit, _PERIOD.cap * shape.height_mm).mean(axis=1)
+    residual = np.abs(z - zigzag_height(across - shifts[:, None], shape))
+    return shifts, np.minimum(residual, _PERIOD.cap * shape.height_mm).mean(axis=1)
 
 
 def _first_place(flanks: _Points, rotation: float, shape: ZigzagShape) -> ZigzagPose:
     start = ZigzagPose(float(np.median(flanks.x)), float(np.median(flanks.y)), rotation)
-    shifts, misfit = _shift_misfits(start.across_along(flanks.x, flanks.y)[0], flanks.z, shape)
-    return _shifted(start, across_mm=float(shifts[np.argmin(misfit)]))
+    shifts, residual = _shift_residuals(start.across_along(flanks.x, flanks.y)[0], flanks.z, shape)
+    return _shifted(start, across_mm=float(shifts[np.argmin(residual)]))
 
 
 def _shifted(pose: ZigzagPose, *, across_mm: float = 0.0, along_mm: float = 0.0) -> ZigzagPose:
