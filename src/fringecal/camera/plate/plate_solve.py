@@ -88,7 +88,7 @@ def solve_robustly(
 ) -> tuple[Solution, NDArray[np.bool_]]:
     """Solve, drop crossings that disagree, solve again with sigma scaled to the residuals found."""
     keep = np.ones(problem.u.size, dtype=bool)
-    # From afar the crossings count little beside what is stated, or a first step may throw the height away.
+    # Far from the solution crossings weigh little against what is stated: a first iteration could lose the height.
     far = float(np.sqrt(np.mean((np.concatenate(residual_px(problem, start)) / np.tile(problem.sigma, 2)) ** 2)))
     solution = _solve(problem, start, keep, max(1.0, far))
     for _ in range(_ROUNDS):

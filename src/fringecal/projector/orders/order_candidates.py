@@ -60,7 +60,7 @@ class OrderCandidate:
     """What one fringe order would mean: projector line and angle, and whether that can be.
 
     `line_height_mm` and `line_side_mm` place the line in the plane across the fringes at the plate's origin;
-    `off_axis_deg` is how far beside its own axis the projector would throw the picture's centre (NaN when
+    `off_axis_deg` is how far beside its own axis the projector would show the picture's centre (NaN when
     collimated).
     """
 

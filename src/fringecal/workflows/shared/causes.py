@@ -1,4 +1,4 @@
-"""Why strips or artefacts could not be found: what the frames themselves show, said before what it led to."""
+"""Why strips or artefacts could not be found: faults of the frames are reported in place of their consequences."""
 
 from collections.abc import Iterator
 
@@ -18,7 +18,7 @@ _REMEDIES = {
 
 
 def with_causes(error: FringecalError, reference: CapturePhase, strips: CapturePhase) -> FringecalError:
-    """Return what is wrong with the frames in place of what it led to; the error as it is where nothing is.
+    """Return the error that names the faults of the frames; the error as it is where they have none.
 
     What was said of the strips guesses at causes, which a reader who has been told the cause need not weigh.
 
@@ -34,7 +34,7 @@ def with_causes(error: FringecalError, reference: CapturePhase, strips: CaptureP
 
 
 def with_frames_causes(error: FringecalError, phase: CapturePhase, plate: Capture | None = None) -> FringecalError:
-    """Return what is wrong with an artefact's frames in place of what it led to; the error as it is where nothing is.
+    """Return the error that names the faults of an artefact's frames; the error as it is where they have none.
 
     Parameters
     ----------
