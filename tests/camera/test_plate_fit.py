@@ -151,5 +151,5 @@ def test_too_few_crossings_are_refused(sheet):
 
 
 def test_rows_numbered_the_wrong_way_are_refused(sheet):
-    with pytest.raises(FitError, match="index"):
+    with pytest.raises(FitError, match="numbering"):
         fit_plate_camera(seen(sheet), sheet[0] * [1, -1], SHAPE, pitch_rel_u=1e-4, height_mm=HEIGHT)

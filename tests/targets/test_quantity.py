@@ -51,7 +51,7 @@ def test_values_cannot_be_changed():
         ([1.0, 2.0], "without its uncertainty"),
         ("10 mm", "without its uncertainty"),
         ({"value": 1.0, "u": -0.1}, "cannot be negative"),
-        ({"value": 1.0, "u": 0.1, "half_width": 0.1, "distribution": "rectangular"}, "one fact twice"),
+        ({"value": 1.0, "u": 0.1, "half_width": 0.1, "distribution": "rectangular"}, "one thing twice"),
         ({"value": 1.0, "half_width": 0.1}, "half_width needs distribution"),
         ({"value": 1.0, "half_width": 0.1, "distribution": "normal"}, "half_width needs distribution"),
         ({"value": 1.0, "u": 0.1, "distribution": "rectangular"}, "belongs to half_width"),
