@@ -1,5 +1,6 @@
 """Use a calibration: measure an object, verify on an artefact, audit with a later session."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -57,6 +58,17 @@ def measure(
         Frames of another size or number than the calibration's, or no phase shifts.
     PhaseError, FitError
         No phase in the frames, or no fringe order could be decided anywhere.
+
+    Examples
+    --------
+    From the root of the source tree, with the smallest of its sessions:
+
+    >>> import fringecal
+    >>> calibration = fringecal.Calibration.load("tests/records/archive/0.1.0")
+    >>> session = fringecal.load_session("tests/records/archive/0.1.0/session")
+    >>> surface = fringecal.measure(calibration, session.named("bars").read(), height_range_mm=(-5, 35))
+    >>> surface.z.shape, bool(surface.mask.mean() > 0.9)
+    ((150, 200), True)
     """
     capture = _capture(calibration, "object", "object", frames, None, phase_shifts_deg, periods, white_level)
     session = session_of_captures([capture], rig=calibration.record.session.rig)
@@ -90,6 +102,15 @@ def verify(
         The target has no surface to verify on, or the frames do not fit the calibration.
     PhaseError, FitError
         No phase in the frames, or the surface does not show the artefact.
+
+    Examples
+    --------
+    >>> import fringecal
+    >>> calibration = fringecal.Calibration.load("tests/records/archive/0.1.0")
+    >>> bars = fringecal.load_session("tests/records/archive/0.1.0/session").named("bars")
+    >>> result = fringecal.verify(calibration, bars.read(), bars.target)
+    >>> list(result.table["name"])
+    ['A', 'B', 'C', 'D', 'E', 'pooled']
     """
     shown = target_of(target)
     if not isinstance(shown, VERIFIED):
@@ -117,6 +138,16 @@ def audit(calibration: Calibration, session: Session | str | Path) -> AuditResul
         Another rig or camera, or neither grid nor plate.
     DetectionError, PhaseError, FitError
         What the pictures do not show, with the reason.
+
+    Examples
+    --------
+    The calibration's own pictures say nothing of time, and the audit says so:
+
+    >>> import fringecal
+    >>> calibration = fringecal.Calibration.load("tests/records/archive/0.1.0")
+    >>> result = fringecal.audit(calibration, "tests/records/archive/0.1.0/session")
+    >>> result.found.changed, result.verdict
+    (False, 'conditionalPass')
     """
     given = load_session(session) if isinstance(session, str | Path) else session
     return AuditResult(audit_session(given, calibration.rig, calibration.record))
@@ -145,7 +176,5 @@ def _capture(  # noqa: PLR0913, PLR0917 -- private: what the callers were asked 
 
 def _stated_shifts_deg(calibration: Calibration) -> tuple[float, ...]:
     """Return the phase shifts that the calibration's plate was stated to have."""
-    import math
-
     steps = calibration.record.steps
     return tuple(math.degrees(shift) for shift in steps[0].stated_rad) if steps else ()
