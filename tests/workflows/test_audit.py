@@ -17,7 +17,7 @@ from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
 from fringecal.targets import load_target
 from fringecal.workflows.audit.cause_kinds import Cause
-from fringecal.workflows.audit.change_covariance import covariance_of, light_doubt
+from fringecal.workflows.audit.change_covariance import covariance_of, light_uncertainty
 from fringecal.workflows.audit.checks import audit_checks, changes_of
 from fringecal.workflows.audit.observed import base_state
 from fringecal.workflows.audit.ranked_causes import CAUSES, rank_causes
@@ -192,9 +192,11 @@ def test_strips_that_are_off_beside_a_better_block_raise_no_alarm(tmp_path):
 def test_repeats_say_how_well_the_light_is_known():
     once, twice = AppearanceRecord(), AppearanceRecord(repeats=3, scatter_contrast=0.03)
     often = AppearanceRecord(repeats=12, scatter_contrast=0.012)
-    assert light_doubt("contrast", once, twice) == pytest.approx(np.hypot(light_doubt("contrast", once), 0.03))
-    assert light_doubt("contrast", often) == pytest.approx(0.012 * np.sqrt(11 / 9 / 12))  # JCGM 101, 6.4.9.4
-    assert light_doubt("contrast", AppearanceRecord(repeats=12, scatter_contrast=0.0)) == pytest.approx(0.002)
+    assert light_uncertainty("contrast", once, twice) == pytest.approx(
+        np.hypot(light_uncertainty("contrast", once), 0.03)
+    )
+    assert light_uncertainty("contrast", often) == pytest.approx(0.012 * np.sqrt(11 / 9 / 12))  # JCGM 101, 6.4.9.4
+    assert light_uncertainty("contrast", AppearanceRecord(repeats=12, scatter_contrast=0.0)) == pytest.approx(0.002)
 
 
 def test_the_scatter_of_repeats_is_in_the_appearance(tmp_path):

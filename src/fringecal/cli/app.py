@@ -66,13 +66,13 @@ def main(arguments: list[str] | None = None) -> None:
         complain(error)
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
-        _tell_interrupted()
+        _print_interrupted()
         sys.exit(EXIT_INTERRUPTED)
     except SystemExit as stop:  # Typer's way to pass on an interruption of a verb
         if stop.code == EXIT_INTERRUPTED:
-            _tell_interrupted()
+            _print_interrupted()
         raise
 
 
-def _tell_interrupted() -> None:
+def _print_interrupted() -> None:
     print("interrupted: nothing was written of what was not complete; run the command again", file=sys.stderr)

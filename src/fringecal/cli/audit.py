@@ -11,7 +11,7 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import EXPANDED_BY, Estimate, uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
@@ -80,7 +80,7 @@ def audit(
     console.print(_table(record.changes))
     shown = {f"change of {change.name}" for change in record.changes}
     console.print(_others_table([check for check in record.checks if check.name not in shown]))
-    tell_outcome(record.checks, (*record.notes, change_sentence(found)), out)
+    print_outcome(record.checks, (*record.notes, change_sentence(found)), out)
 
 
 def _others_table(checks: list["Check"]) -> Table:

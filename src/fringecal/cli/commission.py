@@ -9,7 +9,7 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record, history_beside
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
@@ -79,7 +79,7 @@ def commission(
     scales = found.calibrated.result.camera.scales
     console.print(_table(scales | {"angle": origin.angle, "apparent angle": origin.apparent}))
     kept = (f"earlier calibrations are kept in {out / EARLIER}",) if (out / EARLIER).is_dir() else ()
-    tell_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
+    print_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
 
 
 def _table(estimates) -> Table:  # type: ignore[no-untyped-def]

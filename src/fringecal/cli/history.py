@@ -107,7 +107,7 @@ def add(
 
     entries = [read_entry(record) for record in records]
     with open_history(db) as history:
-        _tell_added(history.append(entries), len(entries), as_json)
+        _print_added(history.append(entries), len(entries), as_json)
 
 
 def import_file(
@@ -121,10 +121,10 @@ def import_file(
 
     with open_history(db) as history:
         new = import_table(history, table)
-        _tell_added(new, None, as_json)
+        _print_added(new, None, as_json)
 
 
-def _tell_added(new: int, given: int | None, as_json: bool) -> None:
+def _print_added(new: int, given: int | None, as_json: bool) -> None:
     if as_json:
         print_json({"added": new})
     else:
@@ -169,7 +169,7 @@ def show(
     console.print(table)
     if wanted:
         for number, row in enumerate(_plain(entries), start=1):
-            _tell_readings(
+            _print_readings(
                 f"{number}. {row['rig']}, {row['captured'][:16]}, {row['kind']}: {row['decision']}",
                 _plain(readings[readings["sha256"] == row["sha256"]]),
             )
@@ -197,7 +197,7 @@ def _demand_quantities(asked: Sequence[str], known: set[str]) -> None:
             )
 
 
-def _tell_readings(title: str, readings: list[dict[str, Any]]) -> None:
+def _print_readings(title: str, readings: list[dict[str, Any]]) -> None:
     """Tabulate one record's readings, U and En formed from what stands beside them."""
     from dataclasses import fields
 
@@ -278,12 +278,12 @@ def chart(
             }
         )
     else:
-        _tell_reviews(reviews, verdict.sentence)
+        _print_reviews(reviews, verdict.sentence)
     if verdict.decision == "conditionalFail":
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
-def _tell_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]
+def _print_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]
     for review in reviews:
         head = f"{review.series.quantity}: {len(review.series.values)} record(s), last {review.series.values[-1]:.6g}"
         lines = [f"{head} {review.series.unit}".rstrip()]
@@ -346,10 +346,10 @@ def msa(
     if as_json:
         print_json(document)
     else:
-        _tell_studies(document)
+        _print_studies(document)
 
 
-def _tell_studies(document) -> None:  # type: ignore[no-untyped-def]
+def _print_studies(document) -> None:  # type: ignore[no-untyped-def]
     parts, operators, trials = document["shape"]
     lines = [f"{document['artefact']}: {parts} part(s), {operators} operator(s), {trials} trials each"]
     if "gauge" not in document:

@@ -42,7 +42,7 @@ from fringecal.phase import (
     findings_of_repeats,
 )
 from fringecal.records import replacing
-from fringecal.report import doctor_overview, phase_overview
+from fringecal.report import diagnostics_overview, phase_overview
 
 HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the steps they really have.
 
@@ -80,7 +80,7 @@ def phase(
     orders: list[dict[str, Any]] = []
     for group in _groups(source, steps, periods, channel, capture):
         summaries = summarised(group)
-        diagnoses = [_examined(one, mm_per_rad) if doctor else None for one in group.sets]
+        diagnoses = [_diagnosed(one, mm_per_rad) if doctor else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
                 named(one, demand_phase, summary, one.frames, one.phase_shifts_rad)
@@ -88,8 +88,8 @@ def phase(
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
             if diagnosis is not None:
-                documents[-1] |= _doctor_document(diagnosis)
-                documents[-1]["files"] += _save_doctor(diagnosis[0], one.name, out) if out else []
+                documents[-1] |= _diagnosis_document(diagnosis)
+                documents[-1]["files"] += _save_diagnosis(diagnosis[0], one.name, out) if out else []
         if counted is not None:
             orders.append(orders_document(group, *counted, save_orders(group.name, *counted, out) if out else []))
     if as_json:
@@ -102,7 +102,7 @@ def phase(
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
-def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
+def _diagnosed(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
     """Return what the doctor sees in a set, and all findings with those between its repeats."""
     found = diagnose(
         one.frames, one.phase_shifts_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
@@ -110,7 +110,7 @@ def _examined(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[
     return found, [*found.findings, *_between_repeats(one)]
 
 
-def _doctor_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
+def _diagnosis_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
     """Put what the doctor found into plain numbers."""
     ripple = {str(order): value for order, value in diagnosis[0].ripple_rad.items()}
     return {"findings": [finding.document() for finding in diagnosis[1]], "ripple_rad": ripple}
@@ -173,10 +173,10 @@ def _save(summary: PhaseSummary, name: str, folder: Path) -> list[str]:
     return [str(folder / f"{name}.{suffix}") for suffix in ("npz", "png")]
 
 
-def _save_doctor(diagnosis: Diagnosis, name: str, folder: Path) -> list[str]:
+def _save_diagnosis(diagnosis: Diagnosis, name: str, folder: Path) -> list[str]:
     """Write what the doctor looked at as a figure."""
     with replacing(folder / f"{name}-doctor.png") as path:
-        doctor_overview(diagnosis, title=name).savefig(path)
+        diagnostics_overview(diagnosis, title=name).savefig(path)
     return [str(folder / f"{name}-doctor.png")]
 
 

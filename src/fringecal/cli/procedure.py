@@ -91,7 +91,7 @@ def run(
     if as_json:
         print_json(_document(found, arguments, needs_calibration=wanted))
     else:
-        _tell(found, arguments, needs_calibration=wanted)
+        _print(found, arguments, needs_calibration=wanted)
     if not found.ready or (wanted and out is not None):
         raise typer.Exit(EXIT_ERROR)
     if out is None or as_json:
@@ -169,7 +169,7 @@ def _document(found: Walk, arguments: Sequence[str], *, needs_calibration: bool)
     }
 
 
-def _tell(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> None:
+def _print(found: Walk, arguments: Sequence[str], *, needs_calibration: bool) -> None:
     def say(text: str, style: str = "") -> None:
         console.print(text, markup=False, highlight=False, soft_wrap=True, style=style)
 

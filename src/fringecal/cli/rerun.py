@@ -52,7 +52,7 @@ def rerun(
     if as_json:
         print_json(_document(found))
     else:
-        _tell(found)
+        _print(found)
     if not found.agrees:
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
@@ -73,7 +73,7 @@ def _document(found: "Rerun") -> dict[str, Any]:
     }
 
 
-def _tell(found: "Rerun") -> None:
+def _print(found: "Rerun") -> None:
     worst = sorted(found.differences, key=lambda d: (not d.matters, -(d.part_of_u or 0.0)))
     for d in worst[:_SHOWN]:
         part = "" if d.part_of_u is None else f" ({d.part_of_u:.2g} of u)"

@@ -69,7 +69,7 @@ def serve(
             server = make_server(host, port, app, threaded=True, request_handler=_discreet())
         except (OSError, SystemExit) as error:
             raise FringecalError(f"{host}:{port} cannot be listened on ({error}); name another --port") from error
-        _tell(host, server.server_port, desk.token if desk else "", as_json)
+        _print(host, server.server_port, desk.token if desk else "", as_json)
         try:
             with _ended_by_signal():
                 server.serve_forever()
@@ -131,7 +131,7 @@ def _desk(db: str, work: Path, sessions: Path | None, bounds: Bounds) -> "Desk":
     return Desk(db, work, secrets.token_urlsafe(32), Runs(work), root=sessions, bounds=bounds)
 
 
-def _tell(host: str, port: int, token: str, as_json: bool) -> None:
+def _print(host: str, port: int, token: str, as_json: bool) -> None:
     """Print where the pages are."""
     address = f"http://{f'[{host}]' if ':' in host else host}:{port}/"
     if token:

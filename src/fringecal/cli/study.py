@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import demand_folder, progress, tell_outcome
+from fringecal.cli.shared.saving import demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
@@ -71,7 +71,7 @@ def study(  # noqa: PLR0913, PLR0917 -- one argument per option
         print_json(_document(summary, command))
         raise typer.Exit(3 if any(check.decision == "fail" for check in summary.checks()) else 0)
     console.print(_table(summary))
-    tell_outcome(summary.checks(), (summary.sentence,), out)
+    print_outcome(summary.checks(), (summary.sentence,), out)
 
 
 def _heights(text: str) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ from rich.table import Table
 
 from fringecal.cli.history import append_record
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, progress, tell_outcome
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
@@ -72,7 +72,7 @@ def verify(
         print_json(record.model_dump(mode="json"))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
     console.print(table)
-    tell_outcome(record.checks, (record.sentence,), out)
+    print_outcome(record.checks, (record.sentence,), out)
 
 
 def _bars(session, capture, rig, file, command, show, limits, *, rows, filters):  # type: ignore[no-untyped-def]
@@ -119,8 +119,8 @@ def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]
     for r in found.readings:
         values = ((r.measured, r.u_measured), (r.reference, r.u_reference), (r.error, r.u_measured))
         cells = ["" if value is None else value_text(value, u, otherwise=".4f") for value, u in values]
-        doubts = (r.u_measured, r.u_reference if r.reference is not None else None)
-        cells += ["" if u is None else uncertainty_text(u) for u in doubts]
+        uncertainties = (r.u_measured, r.u_reference if r.reference is not None else None)
+        cells += ["" if u is None else uncertainty_text(u) for u in uncertainties]
         table.add_row(r.name, r.unit, *cells, "" if r.en is None else f"{r.en:+z.2f}")
     return table
 

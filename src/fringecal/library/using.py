@@ -73,7 +73,7 @@ def measure(
     capture = _capture(calibration, "object", "object", frames, None, phase_shifts_deg, periods, white_level)
     session = session_of_captures([capture], rig=calibration.record.session.rig)
     found = reconstruct(session, capture.name, calibration.rig, model=model, height_range_mm=height_range_mm)
-    return Surface(found.surface, (found.phase.sentence(), *found.examined.sentences()))
+    return Surface(found.surface, (found.phase.sentence(), *found.diagnosed.sentences()))
 
 
 def verify(

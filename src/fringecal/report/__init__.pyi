@@ -80,7 +80,7 @@ from .figures.order_figures import (
     orders_overview as orders_overview,
 )
 from .figures.phase_figures import (
-    doctor_overview as doctor_overview,
+    diagnostics_overview as diagnostics_overview,
 )
 from .figures.phase_figures import (
     phase_overview as phase_overview,
@@ -167,10 +167,10 @@ from .report_files import (
     write_report as write_report,
 )
 from .structure import (
-    DOF as DOF,
+    AS_U as AS_U,
 )
 from .structure import (
-    DOUBT as DOUBT,
+    DOF as DOF,
 )
 from .structure import (
     Decision as Decision,

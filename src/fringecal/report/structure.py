@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from fringecal.report.readable import ReadableMap
 
-DOUBT = "an uncertainty"  # two significant digits
+AS_U = "an uncertainty"  # two significant digits
 DOF = "degrees of freedom"
 
 _LONGEST_SLUG = 60  # letters of a file's name, so that a folder of results fits every file system
@@ -60,9 +60,9 @@ class Table:
     header_note
         Convention that the numbers follow, printed with the caption.
     formats
-        Format specification by column (``{"angle / deg": ".2f"}``), `DOUBT` for uncertainties, or `DOF`; others get
+        Format specification by column (``{"angle / deg": ".2f"}``), `AS_U` for uncertainties, or `DOF`; others get
         4 digits.
-    doubts
+    uncertainties
         By column, the one that holds its uncertainty: each value is printed to the second digit of its own.
     row_header
         Whether the first column names its row, as it mostly does.
@@ -72,7 +72,7 @@ class Table:
     frame: pd.DataFrame
     header_note: str = ""
     formats: Mapping[str, str] = field(default_factory=dict)
-    doubts: Mapping[str, str] = field(default_factory=dict)
+    uncertainties: Mapping[str, str] = field(default_factory=dict)
     row_header: bool = True
 
 

@@ -9,7 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 
-from fringecal.report.structure import DOF, DOUBT, FigureItem, Report, Table
+from fringecal.report.structure import AS_U, DOF, FigureItem, Report, Table
 from fringecal.report.style import RC
 from fringecal.uncertainty import dof_text, uncertainty_text, value_text
 
@@ -42,7 +42,7 @@ def table_text(table: Table) -> TableText:
     >>> table_text(Table("T", pd.DataFrame({"line": ["A"], "z / mm": [-0.125]}), formats={"z / mm": ".1f"}))
     TableText(columns=[('line', False), ('z / mm', True)], rows=[[('A', False), ('−0.1', True)]])
     >>> frame = pd.DataFrame({"value": [-4.0e-7, 50.70412], "u": [1.0e-3, 0.0496]})
-    >>> [[text for text, _ in row] for row in table_text(Table("T", frame, doubts={"value": "u"})).rows]
+    >>> [[text for text, _ in row] for row in table_text(Table("T", frame, uncertainties={"value": "u"})).rows]
     [['0.0000', '0.0010'], ['50.704', '0.050']]
     """
     heads = [str(column) for column in table.frame.columns]
@@ -79,12 +79,12 @@ def _encoded(item: FigureItem) -> bytes:
 
 
 def _column_texts(table: Table, head: str, values: "pd.Series") -> list[tuple[str, bool]]:
-    formats = dict.fromkeys(table.doubts.values(), DOUBT) | dict(table.formats)
+    formats = dict.fromkeys(table.uncertainties.values(), AS_U) | dict(table.formats)
     specification = formats.get(head)
-    if head not in table.doubts:
+    if head not in table.uncertainties:
         return [_format_value(value, specification) for value in values]
-    doubts = table.frame[table.doubts[head]]
-    return [_format_value(value, specification, doubt) for value, doubt in zip(values, doubts, strict=True)]
+    uncertainties = table.frame[table.uncertainties[head]]
+    return [_format_value(value, specification, doubt) for value, doubt in zip(values, uncertainties, strict=True)]
 
 
 def _format_value(value: Hashable, specification: str | None, doubt: float | None = None) -> tuple[str, bool]:
@@ -100,7 +100,7 @@ def _format_value(value: Hashable, specification: str | None, doubt: float | Non
 
 
 def _number_text(value: float, specification: str, doubt: float | None) -> str:
-    if specification == DOUBT:
+    if specification == AS_U:
         return uncertainty_text(value)
     if specification == DOF:
         return dof_text(value)

@@ -55,7 +55,7 @@ def demand_folder(out: Path) -> None:
         ) from error
 
 
-def tell_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:
+def print_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:
     """Print what was found in sentences, then the verdict over all checks and where the report is.
 
     Raises

@@ -240,10 +240,10 @@ def _quantity(node: Node, found: Measured) -> None:
     _add(real, "value", found.value, space=SI)
     _add(real, "unit", unit, space=SI)
     if found.expanded:
-        doubt = _add(_add(real, "measurementUncertaintyUnivariate", space=SI), "expandedMU", space=SI)
-        _add(doubt, "valueExpandedMU", found.expanded, space=SI)
-        _add(doubt, "coverageFactor", f"{found.k:.2f}", space=SI)
-        _add(doubt, "coverageProbability", f"{found.coverage:g}", space=SI)
+        uncertainty = _add(_add(real, "measurementUncertaintyUnivariate", space=SI), "expandedMU", space=SI)
+        _add(uncertainty, "valueExpandedMU", found.expanded, space=SI)
+        _add(uncertainty, "coverageFactor", f"{found.k:.2f}", space=SI)
+        _add(uncertainty, "coverageProbability", f"{found.coverage:g}", space=SI)
 
 
 def _table(node: Node, table: ResultTable) -> None:
@@ -260,11 +260,11 @@ def _column(node: Node, column: Column) -> None:
     _add(numbers, "valueXMLList", _joined(column.values), space=SI)
     _add(numbers, "unitXMLList", unit, space=SI)
     if column.expanded:
-        doubt = _add(numbers, "measurementUncertaintyUnivariateXMLList", space=SI)
-        doubt = _add(doubt, "expandedMUXMLList", space=SI)
-        _add(doubt, "valueExpandedMUXMLList", _joined(column.expanded), space=SI)
-        _add(doubt, "coverageFactorXMLList", _joined(f"{k:.2f}" for k in column.k), space=SI)
-        _add(doubt, "coverageProbabilityXMLList", _joined(f"{COVERAGE:g}" for _ in column.k), space=SI)
+        uncertainty = _add(numbers, "measurementUncertaintyUnivariateXMLList", space=SI)
+        uncertainty = _add(uncertainty, "expandedMUXMLList", space=SI)
+        _add(uncertainty, "valueExpandedMUXMLList", _joined(column.expanded), space=SI)
+        _add(uncertainty, "coverageFactorXMLList", _joined(f"{k:.2f}" for k in column.k), space=SI)
+        _add(uncertainty, "coverageProbabilityXMLList", _joined(f"{COVERAGE:g}" for _ in column.k), space=SI)
 
 
 def _joined(texts: Iterable[str]) -> str:

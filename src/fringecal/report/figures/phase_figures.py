@@ -87,7 +87,7 @@ def phase_overview(map_: PhaseMap, *, title: str = "") -> Figure:
 
 
 @styled
-def doctor_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
+def diagnostics_overview(diagnosis: Diagnosis, *, title: str = "") -> Figure:
     """Draw the diagnostics: ripple against phase and by order, waveform, each frame.
 
     Parameters

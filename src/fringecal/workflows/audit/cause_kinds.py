@@ -25,4 +25,4 @@ class Cause(Enum):
 
 
 #: What a reader sees of each, in reports, tables and messages: a text can be changed here and steers nothing.
-CAUSE_TEXTS: dict[Cause, str] = {one: one.value for one in Cause}
+CAUSE_TEXTS: dict[Cause, str] = {one: one.value for one in Cause} | {Cause.PROJECTOR_PLACE: "projector moved"}

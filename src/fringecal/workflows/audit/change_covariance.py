@@ -1,4 +1,4 @@
-"""How well an audit knows each change: today's scatter, the calibration's uncertainty, and what two sessions share."""
+"""Covariance of the changes in an audit: today's scatter, the calibration's uncertainty, less what both share."""
 
 import math
 from dataclasses import replace
@@ -13,10 +13,10 @@ from fringecal.projector import RigCalibration
 from fringecal.records import AppearanceRecord
 from fringecal.uncertainty import Influence
 from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, Blocks, Layout, camera_quantities
-from fringecal.workflows.audit.observed import GridToday, PlateToday, StripsToday, base_state
+from fringecal.workflows.audit.observed import GridFound, PlateFound, StripsFound, base_state
 
 Array = NDArray[np.float64]
-type Observed = tuple[GridToday | None, PlateToday | None, tuple[StripsToday, ...]]
+type Observed = tuple[GridFound | None, PlateFound | None, tuple[StripsFound, ...]]
 
 #: Ripple of 0.01 rad over fifty fringes leaves so much of itself in a smooth term. Strips have fewer pixels and edges,
 #: and lie elsewhere each time: on virtual rigs with gamma, texture and distortion the tilt of their step moves so much.
@@ -73,7 +73,7 @@ def _scatter(blocks: Blocks, degree: int) -> Array:
     return variance * np.linalg.inv(design.T @ design)
 
 
-def _plate_scatter(plate: PlateToday, calibration: RigCalibration) -> Array:
+def _plate_scatter(plate: PlateFound, calibration: RigCalibration) -> Array:
     """Covariance of the plate's terms: blocks scatter today as they did, and the calibration saw fewer pixels.
 
     It follows its plate by a smooth residual through some thousands of single pixels, whose own noise does not vanish
@@ -86,24 +86,24 @@ def _plate_scatter(plate: PlateToday, calibration: RigCalibration) -> Array:
     return 2 * _scatter(plate.blocks, PLATE_DEGREE) + single
 
 
-def _camera_scatter(grid: GridToday) -> Array:
+def _camera_scatter(grid: GridFound) -> Array:
     """Covariance of the camera's quantities: today's crossings, and the pitch where it is another sheet's."""
     camera = grid.fit.camera
     shared = [c.effect for c in grid.fit.components if c.influence is not Influence.GRID_PITCH or grid.same_sheet]
     covariance = camera.covariance - sum((np.outer(e, e) for e in shared), np.zeros_like(camera.covariance))
     base = camera_quantities(camera)
-    spread = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
+    sd = np.sqrt(np.clip(np.diag(covariance), 0.0, None))
     slopes = np.zeros((base.size, len(CAMERA_NAMES)))
-    for i in np.flatnonzero(spread):
-        step = spread[i] * np.eye(len(CAMERA_NAMES))[i]
-        slopes[:, i] = (camera_quantities(camera.replaced(camera.parameters + step)) - base) / spread[i]
+    for i in np.flatnonzero(sd):
+        step = sd[i] * np.eye(len(CAMERA_NAMES))[i]
+        slopes[:, i] = (camera_quantities(camera.replaced(camera.parameters + step)) - base) / sd[i]
     return slopes @ covariance @ slopes.T
 
 
 def _calibration_part(layout: Layout, calibration: RigCalibration, observed: Observed) -> Array:
-    """Covariance of what the calibration predicts, from every influence that does not fall out of the comparison.
+    """Covariance of what the calibration predicts, from every source that does not cancel in the comparison.
 
-    Its effect is what an unchanged rig would show today if the influence were one standard uncertainty off: the rig as
+    Its effect is what an unchanged rig would show today if its source were one standard uncertainty off: the rig as
     it then is, less the rig as it was calibrated.
     """
     grid, _, strips = observed
@@ -130,30 +130,30 @@ def _calibration_part(layout: Layout, calibration: RigCalibration, observed: Obs
 
 
 def _cancelled(
-    influence: Influence, layout: Layout, strips: tuple[StripsToday, ...], *, alone: bool
+    influence: Influence, layout: Layout, strips: tuple[StripsFound, ...], *, alone: bool
 ) -> tuple[slice, ...]:
-    """Return the parts of the vector in which an influence falls out, where its effect does not show that by itself."""
+    """Return the parts of the vector in which a source cancels, where its effect does not show that by itself."""
     if influence is Influence.STRIP_HEIGHT and not alone:  # of several heights: components do not say which is whose
         return tuple(part for part, one in zip(layout.strip_parts, strips, strict=True) if one.same_strips)
-    # What scatter does to the seven numbers, the plate's residual undoes where both were measured: on the plate.
+    # The plate's residual compensates the scatter of the seven numbers where both were measured: on the plate.
     return (layout.parts["plate"],) if influence is Influence.PHASE_SCATTER else ()
 
 
-def light_doubt(name: Literal["modulation", "contrast"], *looks: AppearanceRecord) -> float:
+def light_uncertainty(name: Literal["modulation", "contrast"], *quality: AppearanceRecord) -> float:
     """Relative standard uncertainty of a difference of modulation or contrast between sessions.
 
-    Without repeats a lamp's usual repeatability stands for each session. Repeats that scatter more count as they are;
-    four or more that scatter less stand in its place, ``s sqrt((n - 1) / (n - 3) / n)``.
+    Without repeats the usual repeatability of a lamp brightness is taken for each session. Repeats that scatter more
+    are used as they are; four or more that scatter less replace it, ``s sqrt((n - 1) / (n - 3) / n)``.
 
     Examples
     --------
-    >>> round(light_doubt("contrast", AppearanceRecord(), AppearanceRecord()), 4)
+    >>> round(light_uncertainty("contrast", AppearanceRecord(), AppearanceRecord()), 4)
     0.0099
     """
-    return math.hypot(*(_light_doubt(getattr(one, f"scatter_{name}"), one.repeats) for one in looks))
+    return math.hypot(*(_light_uncertainty(getattr(one, f"scatter_{name}"), one.repeats) for one in quality))
 
 
-def _light_doubt(scatter: float | None, repeats: int) -> float:
+def _light_uncertainty(scatter: float | None, repeats: int) -> float:
     if scatter is None:
         return _U_LIGHT
     if repeats < _ENOUGH_REPEATS:

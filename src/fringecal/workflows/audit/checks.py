@@ -12,9 +12,9 @@ from scipy import special, stats
 from fringecal.projector import RigCalibration, angle_budget
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, en_score
-from fringecal.workflows.audit.change_covariance import light_doubt
+from fringecal.workflows.audit.change_covariance import light_uncertainty
 from fringecal.workflows.audit.layout import CAMERA_QUANTITIES, PLATE_DEGREE, STRIPS_DEGREE, strip_step
-from fringecal.workflows.audit.observed import PlateToday, StripsToday, base_state
+from fringecal.workflows.audit.observed import PlateFound, StripsFound, base_state
 from fringecal.workflows.audit.run import CHANCE, Audit
 from fringecal.workflows.audit.sentences import reuse_sentence
 from fringecal.workflows.shared import judged
@@ -80,7 +80,7 @@ class Change:
 def least_seen(number: int) -> float:
     """Least ``c V^-1 c`` of a change that the alarm over `number` quantities sees with 95 %, however little scatters.
 
-    V is what the doubt allows for; of its variance a share s may really be at work. The alarm then sees s times a
+    V is the stated covariance; the real variance may be a share s of it. The alarm then sees s times a
     noncentral chi-squared with lambda / s, and the lambda that passes the threshold with 95 % is largest where s is
     about a third for twenty quantities: chance no longer lifts a change over the threshold, but still hides some.
 
@@ -118,7 +118,7 @@ def _pictures(found: Audit) -> tuple[Check, ...]:
 
 
 def _whole(found: Audit) -> Check:
-    """Judge whether anything changed at all: that alone is no fault, but it is never passed over in silence."""
+    """Judge whether anything changed at all: that alone is no failure, but always a condition."""
     return Check(
         name="rig as calibrated",
         value=found.probability,
@@ -185,8 +185,8 @@ def _root_mean_square(design: Array, terms: Array, covariance: Array, unit: str)
     return Estimate(rms, u, unit, "rms")
 
 
-def _form(calibration: RigCalibration, plate: PlateToday) -> Estimate:
-    """Return what neither a polynomial nor noise explains in the plate's change, as a height at the origin."""
+def _form(calibration: RigCalibration, plate: PlateFound) -> Estimate:
+    """Return the part of the plate's change that neither a polynomial nor noise explains, as a height at the origin."""
     blocks = plate.blocks
     design = blocks.design(PLATE_DEGREE)
     left = blocks.value - design @ np.linalg.lstsq(design, blocks.value, rcond=None)[0]
@@ -214,8 +214,8 @@ def _strips(found: Audit, limits: Limits) -> Iterator[Change]:
         yield Change(f"projection angle, by {which}", turned, limits.audit.angle_deg, found.change.size)
 
 
-def _height_scale(found: Audit, strips: StripsToday, part: slice) -> Estimate:
-    """Return the mean change of one set of strips in percent of their step."""
+def _height_scale(found: Audit, strips: StripsFound, part: slice) -> Estimate:
+    """Return the mean change of one set of strips in percent of their phase difference."""
     step = strip_step(base_state(found.calibration), strips.tops)
     weights = np.zeros(found.change.size)
     weights[part] = 100 * (strips.tops.blocks.design(STRIPS_DEGREE) / step[:, None]).mean(axis=0)
@@ -223,7 +223,7 @@ def _height_scale(found: Audit, strips: StripsToday, part: slice) -> Estimate:
 
 
 def _light(found: Audit, limits: Limits) -> Iterator[Change]:
-    """Return the changes of sharpness, contrast, light, noise and wave shape."""
+    """Return the changes of sharpness, contrast, brightness, noise and waveform."""
     now, then, own = found.appearance, found.appearance_then, limits.audit
     if then is None:
         return
@@ -233,11 +233,11 @@ def _light(found: Audit, limits: Limits) -> Iterator[Change]:
             full = np.zeros(found.change.size)
             full[parts[name]] = factor
             yield Change(_LOOKS[name], _combined(found, full, unit, name), limit, found.change.size)
-    doubts = {"modulation": light_doubt("modulation", then, now), "noise": _U_NOISE}
+    uncertainties = {"modulation": light_uncertainty("modulation", then, now), "noise": _U_NOISE}
     for name, limit in (("modulation", own.modulation_percent), ("noise", own.noise_percent)):
         today, once = getattr(now, f"{name}_levels"), getattr(then, f"{name}_levels")
         if today and once:
-            change = Estimate(100 * (today / once - 1), 100 * doubts[name], "%", name)
+            change = Estimate(100 * (today / once - 1), 100 * uncertainties[name], "%", name)
             yield Change(_LOOKS[name], change, limit)
     if now.harmonic is not None and then.harmonic is not None:
         u = math.hypot(now.u_harmonic or 0.0, then.u_harmonic or 0.0)

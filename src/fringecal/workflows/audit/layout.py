@@ -1,4 +1,4 @@
-"""What an audit compares, as one vector: camera on the plate, plate phase, phase step of strips, sharpness."""
+"""What an audit compares, as one vector: camera on the plate, plate phase, phase difference of strips, sharpness."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,12 @@ from fringecal.projector import RigState, fringe_pitch_mm, pick_points
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, waves longer than two blocks stay
+BLOCK_PX = 24  # side of the blocks that are averaged: noise goes, changes longer than two blocks stay
 _LEAST_SHARE = 0.1  # of a block's pixels; a mean of fewer is noise
-PLATE_DEGREE = 3  # of the plate's change: what moves of camera, lamp and plate do to it over the picture
-STRIPS_DEGREE = 1  # of the strips': they cover too little of the picture to tell a bend from one of them that is off
+PLATE_DEGREE = 3  # of the plate's change: what moves of camera, projector and plate do to it over the picture
+STRIPS_DEGREE = (
+    1  # of the strips': they cover too little of the picture to separate a curvature from one strip of another height
+)
 STRIPS_TERMS = 3  # of degree 1 over the picture
 _INNER = 3  # the corner's distortion is counted against the radius that is this part of its own
 _PIXELS = 200_000  # of a map that are fitted; noise of 0.02 rad leaves less than 1e-4
@@ -79,7 +81,7 @@ def block_means(values: Array, valid: Mask) -> Blocks:
 
 @dataclass(frozen=True)
 class StripBlocks:
-    """Strip tops of one capture: blocks of their step over the plate, and the stated height at each, (n,)."""
+    """Strip tops of one capture: blocks of their phase difference to the plate, and the stated height at each, (n,)."""
 
     blocks: Blocks
     height_mm: Array

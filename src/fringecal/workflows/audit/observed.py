@@ -28,7 +28,7 @@ _NOT_THE_PLATE_RAD = 0.5  # rms about a smooth change; strips or bars leave more
 
 
 @dataclass(frozen=True)
-class GridToday:
+class GridFound:
     """The grid in today's picture and the camera that it shows; `same_sheet` as at the calibration."""
 
     detection: GridDetection
@@ -37,7 +37,7 @@ class GridToday:
 
 
 @dataclass(frozen=True)
-class PlateToday:
+class PlateFound:
     """Today's bare plate: its phase, the change against the calibration (rad, (H, W)) and its mean over blocks.
 
     `offset_rad` is the constant part, which a mirror turned by hand leaves anywhere; `change_rad` is without it.
@@ -50,10 +50,10 @@ class PlateToday:
 
 
 @dataclass(frozen=True)
-class StripsToday:
-    """Today's strips: change of their step over the plate (rad, (H, W)), and blocks of it.
+class StripsFound:
+    """Today's strips: change of their phase difference against the plate (rad, (H, W)), and blocks of it.
 
-    `same_strips` tells whether they are those of the calibration; `u_height` is the relative standard uncertainty of
+    `same_strips` states whether they are those of the calibration; `u_height` is the relative standard uncertainty of
     their height.
     """
 
@@ -70,7 +70,9 @@ def base_state(calibration: RigCalibration) -> RigState:
     return RigState(camera.replaced(camera.parameters, np.zeros_like(camera.covariance)), calibration.model)
 
 
-def grid_today(session: Session, capture: Capture, calibration: RigCalibration, targets: dict[str, Any]) -> GridToday:
+def measured_grid(
+    session: Session, capture: Capture, calibration: RigCalibration, targets: dict[str, Any]
+) -> GridFound:
     """Find the grid and fit the camera to it, with the height that the calibration states.
 
     Raises
@@ -97,15 +99,15 @@ def grid_today(session: Session, capture: Capture, calibration: RigCalibration, 
         telecentric=camera.telecentric,
         lens=None if known is None else known.lens,
     )
-    return GridToday(detection, fit, same_target(target, targets))
+    return GridFound(detection, fit, same_target(target, targets))
 
 
 def same_target(target: Any, targets: dict[str, Any]) -> bool:
-    """Tell whether an artefact is one that the calibration was made with: its file says the same."""
+    """Return whether an artefact is one that the calibration was made with: its file says the same."""
     return any(target.model_dump(mode="json") == stated for stated in targets.values())
 
 
-def plate_today(capture: Capture, calibration: RigCalibration) -> PlateToday:
+def measured_plate(capture: Capture, calibration: RigCalibration) -> PlateFound:
     """Compare the bare plate's phase with the one that the calibration predicts, pixel by pixel.
 
     Raises
@@ -135,7 +137,7 @@ def plate_today(capture: Capture, calibration: RigCalibration) -> PlateToday:
                 "look at its pictures, take the bare plate again"
             ]
         )
-    return PlateToday(phase, change, blocks, offset)
+    return PlateFound(phase, change, blocks, offset)
 
 
 def _largest_piece(wrapped: Array, valid: NDArray[np.bool_], name: str) -> Array:
@@ -153,10 +155,10 @@ def _largest_piece(wrapped: Array, valid: NDArray[np.bool_], name: str) -> Array
     return np.where(pieces.pieces == int(np.argmax(sizes)), pieces.phase, np.nan)
 
 
-def strips_today(
-    capture: Capture, plate: PlateToday, calibration: RigCalibration, targets: dict[str, Any]
-) -> StripsToday:
-    """Compare the strips' step over today's plate with the one that the calibration predicts.
+def measured_strips(
+    capture: Capture, plate: PlateFound, calibration: RigCalibration, targets: dict[str, Any]
+) -> StripsFound:
+    """Compare the strips' phase difference against today's plate with the one that the calibration predicts.
 
     Raises
     ------
@@ -183,7 +185,7 @@ def strips_today(
     tops = StripBlocks(blocks, block_means(heights, inside).value)
     height = target.height_mm
     u_height = max(u / value for u, value in zip(height.us, height.values, strict=True))
-    return StripsToday(phase, change, tops, same_target(target, targets), u_height)
+    return StripsFound(phase, change, tops, same_target(target, targets), u_height)
 
 
 def _inner(found: StripPhase) -> NDArray[np.bool_]:
@@ -210,7 +212,7 @@ def _heights(found: StripPhase, step: Array, inside: NDArray[np.bool_], state: R
 
 
 def with_todays_offset(calibration: RigCalibration, offset_rad: float) -> RigCalibration:
-    """Add a constant to the phase everywhere: where the mirror was left says nothing of the rig."""
+    """Add a constant to the phase everywhere: it depends on where the mirror was left, not on the rig."""
     model, c = calibration.model, offset_rad
     parameters = model.parameters.copy()
     parameters[:3] += c * parameters[4:]

@@ -1,4 +1,4 @@
-"""Which physical thing has moved: the signature of every single cause, fitted to the observed change."""
+"""Probable causes of a change: the signature of every single cause, fitted to the observed change."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -80,9 +80,9 @@ class CauseFit:
     amounts, u_amounts
         By how much each thing would have moved, and its standard uncertainty; mm, rad or relative.
     chi2, dof
-        Misfit that is left, over the number of compared quantities.
+        Chi-squared of the residuals, and the number of compared quantities.
     log_evidence
-        Logarithm of the probability density of the change under this cause, up to a common constant: the misfit, and
+        Logarithm of the probability density of the change under this cause, up to a common constant: the residuals, and
         a penalty for every move that is free (Laplace's approximation of the marginal likelihood).
     """
 
@@ -95,7 +95,7 @@ class CauseFit:
 
     @property
     def probability(self) -> float:
-        """Chance of a misfit as large as this if the cause is right."""
+        """Probability of residuals as large as these if the cause is right."""
         return float(special.chdtrc(self.dof, self.chi2))
 
 
@@ -125,7 +125,7 @@ def rank_causes(layout: Layout, base: RigState, change: Array, covariance: Array
 
 
 def _possible(moves: Sequence[Move], base: RigState, sets: int) -> bool:
-    """Leave out what a rig cannot do: a telecentric camera has no height, parallel light no lamp.
+    """Leave out what a rig cannot do: a telecentric camera has no height, parallel light no projector position.
 
     One set of strips alone is in question only where there are `sets` of them.
     """

@@ -7,7 +7,7 @@ import pandas as pd
 
 from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
 from fringecal.report import (
-    DOUBT,
+    AS_U,
     Fact,
     FigureItem,
     Layer,
@@ -93,10 +93,16 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
         }
         for c in changes
     ]
-    formats = {"change": "+.3g", "U (95 %)": DOUBT, "En": "+.2f", "detection limit": DOUBT, "limit": "g"}
+    formats = {
+        "change": "+.3g",
+        "U (95 %)": AS_U,
+        "En": "+.2f",
+        "detection limit": AS_U,
+        "limit": "g",
+    }
     note = (
         f"today minus at the calibration; En = change / U; {EXPANDED_BY}. An rms, which chance alone never leaves at "
-        "nought, is judged by its limit and has none. Detection limit: seen with 95 % at the chance of a false alarm "
+        "nought, is judged by its limit and has no En. Detection limit: seen with 95 % at the chance of a false alarm "
         "that the audit takes"
     )
     shares = [c.found.value / c.limit for c in changes]
@@ -143,7 +149,7 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
 
 def _maps_section(found: Audit) -> tuple[Section, ...]:
     figures = []
-    strips = ((f"step of {one.phase.capture.name}", one) for one in found.strips)
+    strips = ((f"phase difference of {one.phase.capture.name}", one) for one in found.strips)
     for name, part in (("plate phase", found.plate), *strips):
         if part is not None:
             change = part.change_rad

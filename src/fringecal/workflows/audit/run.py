@@ -1,4 +1,4 @@
-"""The periodic audit: a smaller session against the calibration in force. Nothing is fitted anew in the calibration."""
+"""The periodic audit: a smaller session against the calibration in force, which itself is not fitted again."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -12,16 +12,16 @@ from fringecal.errors import SessionError
 from fringecal.projector import RigCalibration
 from fringecal.records import AppearanceRecord, CalibrationRecord
 from fringecal.session import Session
-from fringecal.workflows.audit.change_covariance import Observed, covariance_of, light_doubt
+from fringecal.workflows.audit.change_covariance import Observed, covariance_of, light_uncertainty
 from fringecal.workflows.audit.layout import PLATE_DEGREE, STRIPS_DEGREE, Layout, camera_quantities, terms_of_map
 from fringecal.workflows.audit.observed import (
-    GridToday,
-    PlateToday,
-    StripsToday,
+    GridFound,
+    PlateFound,
+    StripsFound,
     base_state,
-    grid_today,
-    plate_today,
-    strips_today,
+    measured_grid,
+    measured_plate,
+    measured_strips,
     with_todays_offset,
 )
 from fringecal.workflows.audit.ranked_causes import CauseFit, rank_causes
@@ -48,7 +48,7 @@ class Audit:
     layout, change, covariance
         The compared vector: what it holds, observed minus predicted, and the covariance of that.
     appearance, appearance_then
-        How the pictures look today and looked at the calibration.
+        Image quality today and at the calibration.
     causes
         Single causes, the likeliest first; empty where nothing has changed.
     bars, artefacts
@@ -61,9 +61,9 @@ class Audit:
 
     session: Session
     calibration: RigCalibration
-    grid: GridToday | None
-    plate: PlateToday | None
-    strips: tuple[StripsToday, ...]
+    grid: GridFound | None
+    plate: PlateFound | None
+    strips: tuple[StripsFound, ...]
     layout: Layout
     change: Array
     covariance: Array
@@ -103,8 +103,8 @@ def audit(
     Parameters
     ----------
     session
-        A grid says of the camera; the bare plate of lamp, slide and plate; strips, with the plate, of the angle;
-        artefacts of height errors. A grid or the plate is needed.
+        A grid shows changes of the camera; the bare plate those of projector, slide and plate; strips, with the plate,
+        that of the angle; artefacts show height errors. A grid or the plate is needed.
     calibration, record
         The calibration in force, and the record it comes from.
     progress
@@ -123,7 +123,7 @@ def audit(
     today = appearance_of(None if plate is None else plate.phase, None if grid is None else grid.detection)
     change = _change(layout, calibration, (grid, plate, strips), (record.appearance, today))
     then = record.appearance or AppearanceRecord()
-    covariance = covariance_of(layout, calibration, (grid, plate, strips), light_doubt("contrast", then, today))
+    covariance = covariance_of(layout, calibration, (grid, plate, strips), light_uncertainty("contrast", then, today))
     found = Audit(
         session, calibration, grid, plate, strips, layout, change, covariance, today, record.appearance,
         notes=_notes(session, grid, plate, record), reused=_reused(session, record),
@@ -160,16 +160,16 @@ def _reused(session: Session, record: CalibrationRecord) -> tuple[str, ...]:
 
 def _observe(session: Session, calibration: RigCalibration, record: CalibrationRecord, progress: Progress) -> Observed:
     grid = plate = None
-    strips: tuple[StripsToday, ...] = ()
+    strips: tuple[StripsFound, ...] = ()
     if session.find("grid"):
         progress("finding the grid")
-        grid = grid_today(session, session.one("grid"), calibration, record.targets)
+        grid = measured_grid(session, session.one("grid"), calibration, record.targets)
     if session.find("reference"):
         progress("phase of the bare plate")
-        plate = plate_today(session.one("reference"), calibration)
+        plate = measured_plate(session.one("reference"), calibration)
         for capture in session.find("strips"):
             progress(f"phase of {capture.name}")
-            strips += (strips_today(capture, plate, calibration, record.targets),)
+            strips += (measured_strips(capture, plate, calibration, record.targets),)
     return grid, plate, strips
 
 
@@ -207,9 +207,9 @@ def _change(
 
 
 def _notes(
-    session: Session, grid: GridToday | None, plate: PlateToday | None, record: CalibrationRecord
+    session: Session, grid: GridFound | None, plate: PlateFound | None, record: CalibrationRecord
 ) -> tuple[str, ...]:
-    notes = ["The calibration in force was not changed; nothing was fitted anew to it."]
+    notes = ["The calibration in force was not changed."]
     then = record.session.captured
     if then is not None and session.captured.astimezone(UTC) < then:
         notes.append(
@@ -223,7 +223,7 @@ def _notes(
         )
     missing = {
         "camera, scale and distortion: no grid": grid is None,
-        "lamp, slide and plate: no bare plate": plate is None,
+        "projector, slide and plate: no bare plate": plate is None,
         "projection angle: no strips": not session.find("strips"),
         "sharpness and contrast: the calibration's record holds none (older version)": record.appearance is None,
     }

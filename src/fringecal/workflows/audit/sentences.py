@@ -38,16 +38,16 @@ def reuse_sentence(found: Audit) -> str:
     if not found.reused:
         return ""
     return (
-        f"The pictures of {', '.join(found.reused)} are the calibration's own (equal by hash): what they show says "
-        "nothing of the time since."
+        f"The pictures of {', '.join(found.reused)} are the calibration's own (equal by hash): they say nothing "
+        "about the time since."
     )
 
 
 def change_sentence(found: Audit) -> str:
     """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
     if not found.changed:
-        head = "What differs" if found.reused else "The rig is as calibrated: what differs"
-        return f"{head} is chance (probability {found.probability:.2g})."
+        head = "The difference" if found.reused else "The rig is as calibrated: the difference"
+        return f"{head} is within what chance explains (probability {found.probability:.2g})."
     small = found.probability < _TOO_SMALL
     chance = f"below {_TOO_SMALL:.0e}" if small else f"{found.probability:.1g}"
     head = f"The rig has changed since its calibration (probability of chance {chance})."
@@ -56,7 +56,7 @@ def change_sentence(found: Audit) -> str:
     best, *others = found.causes
     unexplained = ""
     if best.probability < _UNEXPLAINED and best.chi2 > _FIRST_ORDER * found.chi2:
-        unexplained = " It does not explain all of it: more than one thing may have moved."
+        unexplained = " It does not explain all of the change: more than one thing may have moved."
     close = [fit for fit in others[:1] if best.log_evidence - fit.log_evidence < _CLOSE]
     also = f" Hardly less likely: {cause_words(close[0])}." if close else ""
     return f"{head} Probable cause: {cause_words(best)}.{unexplained}{also}"
@@ -70,7 +70,7 @@ def cause_words(fit: CauseFit) -> str:
 
 
 def amount_unit(move: Move) -> tuple[str, float]:
-    """Return the unit in which a move is told, and the factor to it from `MOVES`' own."""
+    """Return the unit in which a move is stated, and the factor to it from `MOVES`' own."""
     if move in _ANGLES:
         return "deg", 180 / math.pi
     if move in _RATIOS:

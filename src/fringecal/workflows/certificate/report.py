@@ -9,10 +9,10 @@ from fringecal.records import NOT_STATED, Certificate, Column, Group, Measured, 
 from fringecal.report import Fact, Report, Section, Table, Verdict
 
 _OUTCOMES = {
-    "pass": "All that was judged conforms to the laboratory's limits.",
-    "conditionalPass": "All that was judged is within the laboratory's limits, not all of it beyond doubt.",
-    "conditionalFail": "Something is beyond one of the laboratory's limits, but not beyond doubt.",
-    "fail": "Something does not conform to the laboratory's limits.",
+    "pass": "All values judged conform to the laboratory's limits.",
+    "conditionalPass": "All values judged are within the laboratory's limits, some without proof of conformity.",
+    "conditionalFail": "A value is beyond one of the laboratory's limits; that it does not conform is not proved.",
+    "fail": "A value does not conform to the laboratory's limits.",
     "info": "Nothing was judged.",
 }
 
@@ -61,8 +61,8 @@ def _facts(certificate: Certificate) -> Iterator[Fact]:
 
 
 def _words(found: Measured) -> str:
-    doubt = f" ± {found.expanded}" if found.expanded else ""
-    return f"{found.value}{doubt} {found.unit}".rstrip()
+    uncertainty = f" ± {found.expanded}" if found.expanded else ""
+    return f"{found.value}{uncertainty} {found.unit}".rstrip()
 
 
 def _administration(certificate: Certificate) -> Section:
@@ -128,8 +128,8 @@ def _table(table: ResultTable) -> Table:
 def _printed(column: Column) -> dict[str, tuple[str, ...]]:
     unit = f" / {column.unit}" if column.unit else ""
     factors = tuple(f"{k:.2f}" for k in column.k)
-    doubt = {f"U of it (95 %){unit}": column.expanded, "k": factors} if column.expanded else {}
-    return {f"{column.name}{unit}": column.values, **doubt}
+    uncertainty = {f"U of it (95 %){unit}": column.expanded, "k": factors} if column.expanded else {}
+    return {f"{column.name}{unit}": column.values, **uncertainty}
 
 
 def _conformities(certificate: Certificate) -> Section:

@@ -25,7 +25,7 @@ def _estimate(value: float, u: float, dof: float | None, unit: str) -> Estimate:
 
 
 def groups_of(record: CalibrationRecord) -> Iterator[Group]:
-    """Give the results of a calibration: camera, projection angle, what heights will be known to."""
+    """Give the results of a calibration: camera, projection angle, predicted uncertainty of heights."""
     scale, angle = record.scale, record.projection
     limit, largest = record.distortion.detection_limit_px, record.distortion.max_px
     yield Group(
@@ -42,7 +42,7 @@ def groups_of(record: CalibrationRecord) -> Iterator[Group]:
         note=f"Distortion: {record.distortion.verdict}; detection limit {limit:.2g} px. The scale holds on the plate.",
     )
     apparent = angle.apparent_angle
-    more = () if apparent is None else (Measured.of("Angle as fringe breaks show it", apparent.estimate()),)
+    more = () if apparent is None else (Measured.of("Apparent angle, as fringe breaks show it", apparent.estimate()),)
     yield Group(
         "Projection angle",
         (Measured.of("Projection angle at the plate's origin, from the plate's normal", angle.angle.estimate()), *more),
@@ -50,7 +50,7 @@ def groups_of(record: CalibrationRecord) -> Iterator[Group]:
         note="Positive angles; measured in the plane across the local fringe.",
     )
     if record.advice and record.advice.forecasts:
-        yield Group("Heights", tables=(_forecasts(record),), note="What this calibration makes heights uncertain by.")
+        yield Group("Heights", tables=(_forecasts(record),), note="Uncertainty of heights by this calibration.")
 
 
 def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:
@@ -154,10 +154,10 @@ def conformity_of(check: Check) -> Conformity:
     """Turn a check into a statement of conformity, its value rounded to its uncertainty; k is that of its U."""
     value, u = float(check.value or 0.0), check.u or 0.0
     expanded = check.expanded if check.expanded is not None else coverage_factor() * u
-    text, doubt = rounded(value, expanded) if expanded else (f"{value:.3g}", "")
+    text, uncertainty = rounded(value, expanded) if expanded else (f"{value:.3g}", "")
     name = f"{check.name[:1].upper()}{check.name[1:]}{' (En)' if check.score == 'En' else ''}"
     return Conformity(
-        Measured(name, text, check.unit, doubt, expanded / u if u else math.nan),
+        Measured(name, text, check.unit, uncertainty, expanded / u if u else math.nan),
         "" if check.limit is None else f"{check.limit:.6g}",
         check.decision,
         check.rule,

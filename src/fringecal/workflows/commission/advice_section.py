@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from fringecal.calibration import Calibrated
 from fringecal.projector import Advice
 from fringecal.report import (
-    DOUBT,
+    AS_U,
     FigureItem,
     Layer,
     Live,
@@ -43,7 +43,7 @@ def _forecast_table(advice: Advice) -> Table:
     ]
     frame = pd.DataFrame(rows)
     note = "standard uncertainty, root mean square over the field, then by source; noise of single pixels left out"
-    return Table("Predicted height uncertainty by source", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+    return Table("Predicted height uncertainty by source", frame, note, dict.fromkeys(frame.columns[1:], AS_U))
 
 
 def _gain_table(advice: Advice) -> Table:
@@ -55,7 +55,7 @@ def _gain_table(advice: Advice) -> Table:
         rows.append(row)
     frame = pd.DataFrame(rows)
     note = "predicted by the joint fit with the artefact added; the best first"
-    return Table("Gain by one more artefact", frame, note, dict.fromkeys(frame.columns[1:], DOUBT))
+    return Table("Gain by one more artefact", frame, note, dict.fromkeys(frame.columns[1:], AS_U))
 
 
 def _further_tables(result: Calibrated) -> tuple[Table, ...]:
@@ -70,7 +70,7 @@ def _further_tables(result: Calibrated) -> tuple[Table, ...]:
     if not rows:
         return ()
     frame = pd.DataFrame(rows).dropna(axis="columns", how="all")
-    return (Table("Further artefacts in the fit", frame, "place of the artefact's centre", {"u / mm": DOUBT}),)
+    return (Table("Further artefacts in the fit", frame, "place of the artefact's centre", {"u / mm": AS_U}),)
 
 
 def _figures(advice: Advice) -> tuple[FigureItem, ...]:

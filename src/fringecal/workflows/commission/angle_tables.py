@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from fringecal.calibration import Calibrated
 from fringecal.projector import HEIGHTS_MM, OFF, AxisAngle, RigCalibration
-from fringecal.report import DOF, DOUBT, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
+from fringecal.report import AS_U, DOF, FigureItem, Section, Table, angle_plot, breaks_overlay, budget_bars
 from fringecal.uncertainty import EXPANDED_BY, Influence
 from fringecal.workflows.commission.angle_findings import AngleFindings
 from fringecal.workflows.shared import RIM, budget_table, field_mm
@@ -27,14 +27,14 @@ _FORMATS = {
     "fringe shift / mm": "+z.3f",
     "angle / deg": ".3f",
     "dof": DOF,
-    "U / deg": DOUBT,
+    "U / deg": AS_U,
     "apparent / deg": ".3f",
     "theory / deg": ".3f",
     "apparent in theory / deg": ".3f",
     "difference / deg": "+z.3f",
     "En": "+z.2f",
 }
-_DOUBTS = {"angle / deg": "u / deg", "theory / deg": "u(theory) / deg"}
+_UNCERTAINTIES = {"angle / deg": "u / deg", "theory / deg": "u(theory) / deg"}
 
 
 def angle_section(found: AngleFindings) -> Section:
@@ -54,7 +54,7 @@ def angle_section(found: AngleFindings) -> Section:
                 else "no theory: no projector position is stated"
             )
             note = f"{line}; {CONVENTION}; {compared}; {EXPANDED_BY}"
-            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _DOUBTS))
+            tables.append(Table(f"Projection angle by {name}", columns_frame(rows), note, _FORMATS, _UNCERTAINTIES))
             figures.append(_angle_figure(rows, f"Projection angle by {name}", f"{place} / mm"))
     if not tables:
         return Section("Projection angle", (*sentences, "No column of the picture crosses enough of a strip."))
@@ -166,7 +166,7 @@ def heights_table(calibration: RigCalibration, noise_rad: float) -> Table:
                 {"height / mm": height, "place": place} | _height_budget(calibration, (u, v), height, noise_rad)
             )
     frame = pd.DataFrame(rows)
-    formats = dict.fromkeys(frame.columns[2:], DOUBT)
+    formats = dict.fromkeys(frame.columns[2:], AS_U)
     return Table(
         "Predicted uncertainty of a height",
         frame,

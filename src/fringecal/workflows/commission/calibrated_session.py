@@ -18,7 +18,7 @@ from fringecal.errors import DetectionError, FitError, SessionError
 from fringecal.session import Session
 from fringecal.workflows.commission.camera import measure_camera
 from fringecal.workflows.commission.further import further_captures, strips_captures, strips_target
-from fringecal.workflows.shared import CapturePhase, phase_of_capture, projector_of, too_few_pixels, with_causes
+from fringecal.workflows.shared import CapturePhase, caused_by_frames, phase_of_capture, projector_of, too_few_pixels
 
 Progress = Callable[[str], None]
 
@@ -115,4 +115,4 @@ def _strips(  # noqa: PLR0913, PLR0917 -- private: what the stages before have f
             progress=progress,
         )
     except DetectionError as error:
-        raise with_causes(error, reference, strips) from error
+        raise caused_by_frames(error, reference, strips) from error

@@ -12,7 +12,7 @@ from fringecal.workflows.verify import verified_checks
 
 if TYPE_CHECKING:
     from fringecal.workflows.commission.run import Commissioning
-    from fringecal.workflows.shared import Examination
+    from fringecal.workflows.shared import CaptureDiagnosis
 
 
 def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
@@ -68,7 +68,7 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 of="difference / root sum of squares of U of measured and theoretical angle",
             )
         )
-    several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.examined))
+    several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.diagnosed))
     return (*checks, *_lamp_check(found), _heights_check(result), *several, *verified_checks(found.verified, limits))
 
 
@@ -87,14 +87,14 @@ def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]
     )
 
 
-def _frames_check(examined: "Examination", limits: Limits) -> Check:
+def _frames_check(diagnosed: "CaptureDiagnosis", limits: Limits) -> Check:
     """Judge the findings of the diagnostics for which the phase used is not corrected."""
-    left = [finding for finding in examined.findings if finding.kind not in examined.undone]
+    left = [finding for finding in diagnosed.findings if finding.kind not in diagnosed.corrected]
     cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
     limit = limits.commission.frames_rad
     named = ", ".join(dict.fromkeys(finding.kind.text for finding in left)) or "nothing"
     return Check(
-        name=f"frames of {examined.phase.capture.name}",
+        name=f"frames of {diagnosed.phase.capture.name}",
         value=cost,
         limit=limit,
         unit="rad",

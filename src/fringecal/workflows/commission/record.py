@@ -50,7 +50,7 @@ def calibration_record(
         ),
         camera=_camera_record(result.rig.camera),
         lens=_known_lens_record(result),
-        steps=tuple(steps_record(one) for one in found.examined),
+        steps=tuple(steps_record(one) for one in found.diagnosed),
         wave=wave_record(result.rig.wave),
         orders=orders_record(result.rig.orders),
         scale=record.ScaleRecord(**scales),
@@ -67,7 +67,7 @@ def calibration_record(
         notes=(
             found.calibrated.reference.sentence(),
             found.calibrated.strips.sentence(),
-            *(sentence for one in found.examined for sentence in one.sentences()),
+            *(sentence for one in found.diagnosed for sentence in one.sentences()),
             *found.notes,
         ),
         advice=_advice_record(found.advice),

@@ -19,7 +19,14 @@ from fringecal.workflows.commission.rig_section import rig_section, strips_secti
 from fringecal.workflows.commission.run import Commissioning
 from fringecal.workflows.grid import distortion_size
 from fringecal.workflows.lens import lens_section
-from fringecal.workflows.shared import checks_table, concise, doctor_section, inputs_of_capture, phase_section, severest
+from fringecal.workflows.shared import (
+    checks_table,
+    concise,
+    findings_section,
+    inputs_of_capture,
+    phase_section,
+    severest,
+)
 
 
 def commission_report(
@@ -66,7 +73,7 @@ def commission_report(
             *verified_sections(found.verified),
             phase_section((calibrated.reference, calibrated.strips)),
             *repeats_section(found.repeats),
-            doctor_section(found.examined),
+            findings_section(found.diagnosed),
             *((history,) if history else ()),
         ),
         inputs=_inputs(found),

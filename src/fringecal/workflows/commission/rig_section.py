@@ -165,9 +165,9 @@ def _projector_tables(found: CalibratedSession) -> tuple[Table, ...]:
             for one, value, u_mm, along in zip(fitted, position.value_mm, position.u_mm, seen, strict=True)
         ]
     formats = dict.fromkeys(("fitted / mm", "stated / mm"), ".1f") | {"difference / mm": "+z.1f", "En": "+z.2f"}
-    doubts = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
+    uncertainties = {"fitted / mm": "u / mm", "stated / mm": "u(stated) / mm"}
     note = "plate frame; the fringes do not determine the coordinate along them"
     if position is not None:
         note = f"{note}; En = difference / root sum of squares of both U; {EXPANDED_BY}"
-    doubts = {name: u for name, u in doubts.items() if name in frame}
-    return (Table("Position of the projector", frame, note, formats, doubts),)
+    uncertainties = {name: u for name, u in uncertainties.items() if name in frame}
+    return (Table("Position of the projector", frame, note, formats, uncertainties),)

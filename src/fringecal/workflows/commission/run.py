@@ -8,7 +8,7 @@ from fringecal.session import Session
 from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
 from fringecal.workflows.commission.calibrated_session import CalibratedSession, calibrate_session
 from fringecal.workflows.commission.plate_repeats import PlateRepeats, plate_repeats
-from fringecal.workflows.shared import Examination, examine
+from fringecal.workflows.shared import CaptureDiagnosis, diagnose_capture
 from fringecal.workflows.verify import Verified, verify_session
 
 Progress = Callable[[str], None]
@@ -24,7 +24,7 @@ class Commissioning:
         The session's calibration.
     angles
         The projection angle by columns and rows, and the projector against its stated position.
-    examined
+    diagnosed
         What the diagnostics find in the frames of plate and strips.
     repeats
         What repeats of the bare plate show; None where it was taken once.
@@ -36,7 +36,7 @@ class Commissioning:
 
     calibrated: CalibratedSession
     angles: AngleFindings
-    examined: tuple[Examination, ...]
+    diagnosed: tuple[CaptureDiagnosis, ...]
     repeats: PlateRepeats | None
     verified: Verified
     advice: Advice
@@ -90,15 +90,15 @@ def judged_session(found: CalibratedSession, *, progress: Progress = lambda _: N
     progress("projection angle column by column")
     angles = angles_of(found)
     progress("diagnostics of the frames")
-    examined = _examined(found)
+    diagnosed = _examined(found)
     repeats = plate_repeats(found.reference, result.plate.unwrapped_rad, result.rig)
     verified = verify_session(found.session, result.rig, progress=progress)
     progress("gain by one more artefact")
     advice = advise(result.observations, result.camera.fit, result.fit, noise_rad=result.plate.noise_rad)
-    return Commissioning(found, angles, examined, repeats, verified, advice)
+    return Commissioning(found, angles, diagnosed, repeats, verified, advice)
 
 
-def _examined(found: CalibratedSession) -> tuple[Examination, ...]:
+def _examined(found: CalibratedSession) -> tuple[CaptureDiagnosis, ...]:
     plate, strips, rig = found.reference, found.strips, found.result.rig
     same = plate.capture.phase_shifts_rad == strips.capture.phase_shifts_rad
-    return (examine(plate, rig), examine(strips, rig, plate=plate.capture if same else None))
+    return (diagnose_capture(plate, rig), diagnose_capture(strips, rig, plate=plate.capture if same else None))

@@ -1,4 +1,4 @@
-"""The report of two calibrations beside each other: what agrees, what does not, and both rigs drawn to scale."""
+"""The report of two calibrations beside each other: quantities that agree or differ, and both rigs drawn to scale."""
 
 import math
 from collections.abc import Sequence
@@ -25,7 +25,7 @@ from fringecal.uncertainty import EXPANDED_BY, Influence, uncertainty_text, valu
 from fringecal.workflows.compare.run import Compared, compare_calibrations, shared_influences
 from fringecal.workflows.shared import calibration_of, field_mm
 
-_NOTE = f"{EXPANDED_BY}; U(difference) leaves out what both share; En = difference / U(difference)"
+_NOTE = f"{EXPANDED_BY}; U(difference) leaves out the sources that both share; En = difference / U(difference)"
 _HEIGHTS = "Heights are what the second calibration reads where the first one reads the round value."
 
 
@@ -102,7 +102,7 @@ def _differences(compared: Sequence[Compared], shared: Sequence[Influence]) -> S
         }
     )
     formats = dict.fromkeys(("first", "second"), "#.6g") | {"difference": "+.2g", "En": "+z.2f"}
-    doubts = {name: f"U({name})" for name in ("first", "second", "difference")}
+    uncertainties = {name: f"U({name})" for name in ("first", "second", "difference")}
     chart = change_bars(
         [c.name for c in compared],
         [c.en for c in compared],
@@ -117,7 +117,7 @@ def _differences(compared: Sequence[Compared], shared: Sequence[Influence]) -> S
             _HEIGHTS,
             "Of quantities that have not changed, one in twenty lies beyond |En| = 1 by chance.",
         ),
-        (Table("Two calibrations compared", frame, _NOTE, formats, doubts),),
+        (Table("Two calibrations compared", frame, _NOTE, formats, uncertainties),),
         (FigureItem("En by quantity", chart, alt),),
     )
 
@@ -138,7 +138,7 @@ def _shared_sentence(shared: Sequence[Influence]) -> str:
 
 def _rigs(*records: CalibrationRecord) -> Section:
     drawn = [_drawing(record, which) for which, record in zip(("first", "second"), records, strict=True)]
-    lost = ("Parallel light has no position that could be drawn.",) if None in drawn else ()
+    lost = ("A projector with parallel light has no position that could be drawn.",) if None in drawn else ()
     return Section("The rig", lost, (), tuple(item for item in drawn if item is not None), side_by_side=True)
 
 

@@ -55,8 +55,8 @@ class Compared:
 def compare_calibrations(first: CalibrationRecord, second: CalibrationRecord) -> tuple[Compared, ...]:
     """Compare two calibrations of one rig.
 
-    Every influence moves a quantity q by c_k per standard uncertainty. Influences that both share (grid pitch, strip
-    height, where both used the same artefact) move both together; the others do not:
+    Every source of uncertainty k changes a quantity q by c_k per standard uncertainty. Sources that both share (grid
+    pitch, strip height, where both used the same artefact) change both together; the others do not:
     ``u(d)^2 = sum_shared (c2_k - c1_k)^2 + sum_others (c1_k^2 + c2_k^2)`` (JCGM 100:2008, 5.2.2, correlation 1 or 0).
 
     Parameters
@@ -78,7 +78,7 @@ def compare_calibrations(first: CalibrationRecord, second: CalibrationRecord) ->
 
 
 def shared_influences(first: CalibrationRecord, second: CalibrationRecord) -> tuple[Influence, ...]:
-    """Name the influences that are one and the same in both: of artefacts whose files say the same."""
+    """Name the sources of uncertainty that are the same in both: of artefacts whose files say the same."""
     kept = [target for target in first.targets.values() if target in second.targets.values()]
     kinds = {str(target.get("kind")) for target in kept}
     return tuple(influence for influence, of in _SHARED.items() if kinds.intersection(of))
@@ -123,7 +123,7 @@ def _round_height(calibration: RigCalibration) -> float:
 
 
 def _height_there(before: RigCalibration, pixel: tuple[float, float], height_mm: float) -> Quantity:
-    """Read the phase step of an object of this height, as the first calibration has it, with any calibration."""
+    """Take the phase difference of an object of this height, as the first calibration has it, with any calibration."""
     rays = before.camera.rays(*map(np.array, pixel))
     step = before.model.phase(*rays.at(height_mm), height_mm) - before.model.phase(*rays.at(0.0), 0.0)
 
@@ -157,7 +157,7 @@ def _estimate(value: float, changes: Sequence[Array], unit: str, label: str) -> 
 
 
 def _shared_change(before: Array, after: Array) -> Array:
-    """Return what an influence that moves both alike contributes to their difference, and its degrees of freedom."""
+    """Return what a source that changes both alike contributes to their difference, and its degrees of freedom."""
     return np.stack([after[0] - before[0], np.minimum(before[1], after[1])])
 
 

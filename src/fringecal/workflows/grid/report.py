@@ -15,7 +15,7 @@ from fringecal.camera import (
 )
 from fringecal.detect import FAMILIES, GridDetection, line_section
 from fringecal.report import (
-    DOUBT,
+    AS_U,
     FigureItem,
     Section,
     Table,
@@ -138,7 +138,7 @@ _SHOWN = {
     "error_mm": ("mean error / mm", "sd error / mm"),
     "error_percent": ("mean error / %", "sd error / %"),
 }
-_SPAN_FORMATS = dict.fromkeys((sd for _, sd in _SHOWN.values()), DOUBT) | {
+_SPAN_FORMATS = dict.fromkeys((sd for _, sd in _SHOWN.values()), AS_U) | {
     "nominal / mm": "g",
     "mean distance / px": ".3f",
     "mean scale / (mm/px)": ".5f",

@@ -10,7 +10,7 @@ from fringecal.records import software_versions
 from fringecal.report import Fact, FigureItem, Report, Section, Table, Verdict, control_charts, drift_figure
 
 _RUNS = (
-    "Values between two false alarms, and until a shift by one sigma is found, on average: single values "
+    "Values between two false alarms, and until a change of the mean by one sigma is found, on average: single values "
     f"{shewhart_run_length():.0f} and {shewhart_run_length(1.0):.0f}, EWMA {ewma_run_length():.0f} and "
     f"{ewma_run_length(1.0):.1f}, CUSUM {cusum_run_length():.0f} and {cusum_run_length(1.0):.1f}; for known centre and "
     "sigma."

@@ -52,12 +52,12 @@ def _folds(found: Measurement, rows: tuple[int, ...]) -> dict[int, tuple[Fold, .
 def _folds_table(folds: dict[int, tuple[Fold, ...]]) -> Table:
     frame = folds_table(folds)
     formats = {name: ".3f" for name in frame.columns[2:] if not name.startswith("u(")}
-    doubts = {name: doubt for name in formats if (doubt := "u({}) / {}".format(*name.split(" / "))) in frame}
+    uncertainties = {name: doubt for name in formats if (doubt := "u({}) / {}".format(*name.split(" / "))) in frame}
     note = (
         "ridges between two valleys; angle between the straight middle halves of both flanks, 180 for a flat sheet; "
         "spacing to the next ridge, straight and along the surface"
     )
-    return Table("Ridges and folds along picture rows", frame, note, formats, doubts)
+    return Table("Ridges and folds along picture rows", frame, note, formats, uncertainties)
 
 
 def _extent_table(extent: Extent) -> Table:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from fringecal.reconstruct import HeightMap, Reason
 from fringecal.records import software_versions
 from fringecal.report import (
-    DOUBT,
+    AS_U,
     Fact,
     FigureItem,
     Live,
@@ -26,7 +26,7 @@ from fringecal.uncertainty import Influence, Source
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import (
-    doctor_section,
+    findings_section,
     height_item,
     inputs_of_capture,
     phase_section,
@@ -60,7 +60,7 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
             _uncertainty_section(found, values),
             _mask_section(found),
             phase_section((found.phase,)),
-            doctor_section((found.examined,)),
+            findings_section((found.diagnosed,)),
         ),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),
@@ -84,7 +84,7 @@ def _facts(found: Measurement) -> tuple[Fact, ...]:
         Fact("Largest height", f"{np.nanmax(surface.z):.3f} mm", "above the plate"),
         Fact("Smallest height", f"{np.nanmin(surface.z):.3f} mm"),
         Fact("Median u(z)", f"{np.nanmedian(surface.u_z):.4f} mm", "one pixel, combined"),
-        Fact("Median random part", f"{np.nanmedian(surface.u_random):.4f} mm", "differs from pixel to pixel"),
+        Fact("Median random part", f"{np.nanmedian(surface.u_random):.4f} mm", "independent from pixel to pixel"),
         Fact("Valid pixels", f"{100 * found.shares()['valid']:.1f} %", "of the picture"),
     )
 
@@ -141,7 +141,7 @@ def _distribution_table(surface: HeightMap) -> Table:
         }
     )
     formats = {"z / mm": ".3f", "u(z) / mm": ".4f", "random part / mm": ".4f"}
-    return Table("Distribution over the valid pixels", frame, "each column sorted by itself", formats)
+    return Table("Distribution over the valid pixels", frame, "percentiles of each column by itself", formats)
 
 
 def _uncertainty_section(found: Measurement, values: ReadableMap) -> Section:
@@ -161,7 +161,7 @@ def _uncertainty_section(found: Measurement, values: ReadableMap) -> Section:
 
 
 def _causes_table(surface: HeightMap) -> Table:
-    """Tabulate what u(z) is made of: rms over the valid pixels by cause, the largest first."""
+    """Tabulate the budget of u(z): rms over the valid pixels by source, the largest first."""
     variances = {Source(Influence.PIXEL_PHASE): _mean_square(surface.u_random)}
     for number, source in enumerate(surface.systematic.sources):
         part = _mean_square(surface.systematic.map(number, surface.z))
@@ -175,8 +175,8 @@ def _causes_table(surface: HeightMap) -> Table:
             "share of the variance / %": [100 * variance / total for _, variance in ordered],
         }
     )
-    formats = {"rms over the surface / mm": DOUBT, "share of the variance / %": ".1f"}
-    return Table("What the uncertainty is made of", frame, "standard uncertainties of a pixel's height", formats)
+    formats = {"rms over the surface / mm": AS_U, "share of the variance / %": ".1f"}
+    return Table("Uncertainty budget of the height", frame, "standard uncertainties of a pixel's height", formats)
 
 
 def _mean_square(values: NDArray[np.float64]) -> float:

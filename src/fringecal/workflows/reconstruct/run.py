@@ -11,11 +11,11 @@ from fringecal.reconstruct import HeightMap, Reason, reconstruct_height
 from fringecal.session import Capture, Session
 from fringecal.workflows.shared import (
     UNTREATED,
+    CaptureDiagnosis,
     CapturePhase,
-    Examination,
     Treatment,
     demand_same_picture,
-    examine,
+    diagnose_capture,
     filtered_heights,
     filtered_phase,
     minus_plate,
@@ -30,7 +30,7 @@ class Measurement:
 
     capture: Capture
     phase: CapturePhase
-    examined: Examination
+    diagnosed: CaptureDiagnosis
     surface: HeightMap
     calibration: RigCalibration
     model: str
@@ -88,8 +88,8 @@ def reconstruct(
     surface = filtered_heights(surface, treatment.after)
     if not surface.mask.any():
         raise FitError(_nothing_measured(capture.name, height_range_mm))
-    examined = examine(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, examined, surface, calibration, model, treatment)
+    diagnosed = diagnose_capture(phase, calibration, plate=plate_beside(session, capture))
+    return Measurement(capture, phase, diagnosed, surface, calibration, model, treatment)
 
 
 def _plate_surface(
@@ -100,14 +100,14 @@ def _plate_surface(
     Raises
     ------
     SessionError
-        The session holds no capture of the plate with the same steps, or several.
+        The session holds no capture of the plate with the same phase shifts, or several.
     """
     plate = plate_beside(session, capture)
     if plate is None:
         raise SessionError(
             [
-                f"capture {capture.name!r}: no single capture of the bare plate (kind reference) with the same steps "
-                "was found to subtract; add one, or measure without subtracting the plate"
+                f"capture {capture.name!r}: no single capture of the bare plate (kind reference) with the same phase "
+                "shifts was found to subtract; add one, or measure without subtracting the plate"
             ]
         )
     phase = phase_of_capture(plate, wave=calibration.wave)

@@ -1,6 +1,18 @@
 from .appearance import (
     appearance_of as appearance_of,
 )
+from .capture_diagnosis import (
+    CaptureDiagnosis as CaptureDiagnosis,
+)
+from .capture_diagnosis import (
+    diagnose_capture as diagnose_capture,
+)
+from .capture_diagnosis import (
+    height_per_rad_mm as height_per_rad_mm,
+)
+from .capture_diagnosis import (
+    plate_beside as plate_beside,
+)
 from .capture_phase import (
     BORDER_PX as BORDER_PX,
 )
@@ -17,31 +29,19 @@ from .capture_phase import (
     within_border as within_border,
 )
 from .causes import (
+    caused_by_frames as caused_by_frames,
+)
+from .causes import (
+    caused_by_frames_of as caused_by_frames_of,
+)
+from .causes import (
     too_few_pixels as too_few_pixels,
-)
-from .causes import (
-    with_causes as with_causes,
-)
-from .causes import (
-    with_frames_causes as with_frames_causes,
 )
 from .command_words import (
     command_line as command_line,
 )
 from .command_words import (
     given as given,
-)
-from .examination import (
-    Examination as Examination,
-)
-from .examination import (
-    examine as examine,
-)
-from .examination import (
-    height_per_rad_mm as height_per_rad_mm,
-)
-from .examination import (
-    plate_beside as plate_beside,
 )
 from .field_places import (
     RIM as RIM,
@@ -86,7 +86,7 @@ from .same_rig import (
     demand_same_rig as demand_same_rig,
 )
 from .sections.diagnostics_section import (
-    doctor_section as doctor_section,
+    findings_section as findings_section,
 )
 from .sections.report_parts import (
     budget_table as budget_table,

@@ -1,4 +1,4 @@
-"""How a rig's pictures look when it is calibrated: what later audits compare with."""
+"""Image quality of a rig's pictures at its calibration, which later audits compare with."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_peri
 
 
 def appearance_of(reference: CapturePhase | None, detection: GridDetection | None) -> AppearanceRecord:
-    """Return sharpness of the grid's lines and light, contrast, noise and wave shape on the bare plate.
+    """Return sharpness of the grid's lines and brightness, contrast, noise and waveform on the bare plate.
 
     Parameters
     ----------
@@ -52,5 +52,5 @@ def _scatter_of_repeats(reference: CapturePhase) -> NDArray[np.float64] | None:
         return None
     period = shortest_period(capture)
     sets = (capture.read_set(repeat=number, period=period) for number in range(capture.repeat))
-    looks = np.array([_medians(reference.again(frames))[:2] for frames in sets])
-    return np.asarray(looks.std(axis=0, ddof=1) / looks.mean(axis=0))
+    levels = np.array([_medians(reference.again(frames))[:2] for frames in sets])
+    return np.asarray(levels.std(axis=0, ddof=1) / levels.mean(axis=0))

@@ -50,44 +50,44 @@ class CapturePhase:
 
     @property
     def phase_shifts_rad(self) -> tuple[float, ...]:
-        """Steps that were used, rad."""
+        """Phase shifts that were used, rad."""
         return self.adapted.scheme.phase_shifts_rad
 
     @property
     def estimated(self) -> PhaseShiftEstimate | None:
-        """What the frames say of the steps; None where they say nothing, with the reason in the notes."""
+        """Phase shifts estimated from the frames; None where that is impossible, with the reason in the notes."""
         return self.adapted.phase_shifts
 
     @property
     def used(self) -> str:
-        """Which steps were used: "stated" or "estimated"."""
+        """Which phase shifts were used: "stated" or "estimated"."""
         return "stated" if self.phase_shifts_rad == tuple(self.capture.phase_shifts_rad) else "estimated"
 
     def sentence(self) -> str:
-        """Say plainly which model was used and why."""
+        """State which model was used and why."""
         stated = ", ".join(f"{math.degrees(s):.1f}" for s in self.capture.phase_shifts_rad)
         notes = "".join(f"; {note}" for note in self.adapted.notes)
         notes += "" if self.orders is None else f"; {self.orders.sentence()}"
         if not self.adapted.undone:
-            return f"{self.capture.name}: steps as stated ({stated} deg){notes}."
+            return f"{self.capture.name}: phase shifts as stated ({stated} deg){notes}."
         undone = "; ".join(self.adapted.undone)
         return f"{self.capture.name}: the frames do not fit the stated model ({stated} deg): {undone}{notes}."
 
 
 def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> CapturePhase:
-    """Demodulate a capture; where the stated steps, even light and cosine do not fit, as its frames show them.
+    """Demodulate a capture; where the stated model of its frames does not fit, by one that is estimated from them.
 
     Parameters
     ----------
     capture
         A phase-shifted capture. Of several fringe periods the shortest gives the phase, the others its orders.
     wave
-        Shape of the fringes as found on the bare plate.
+        Waveform as found on the bare plate.
 
     Raises
     ------
     SessionError
-        The capture has no steps.
+        The capture states no phase shifts.
     PhaseError
         The frames hold no phase, or contradict the stated periods.
     """
@@ -98,7 +98,7 @@ def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> Captu
     adapted = _adapted(capture, shortest_period(capture), wave)
     if not adapted.map.valid.any():
         raise PhaseError(
-            f"capture {capture.name!r}: no pixel carries fringes ({_why(adapted.map)}). Check lamp, focus and "
+            f"capture {capture.name!r}: no pixel carries fringes ({_why(adapted.map)}). Check projector, focus and "
             "exposure, and that the frames are those of a phase-shifted set."
         )
     return CapturePhase(capture, adapted, _orders(capture, adapted))

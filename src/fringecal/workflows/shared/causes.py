@@ -1,4 +1,4 @@
-"""Why strips or artefacts could not be found: faults of the frames are reported in place of their consequences."""
+"""Why strips or artefacts could not be found: faults of the frames are named in place of their consequences."""
 
 from collections.abc import Iterator
 
@@ -7,46 +7,46 @@ from fringecal.phase import FindingKind, PhaseMap, diagnose
 from fringecal.session import Capture
 from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
 
-_LEAST_SHARE = 0.3  # of the picture: with fewer fringes the strips' row breaks up
+_LEAST_SHARE = 0.3  # of the picture: with fewer fringes the row of strips falls into pieces
 _REMEDIES = {
-    "saturated": "expose shorter, or dim the lamp",
+    "saturated": "expose shorter, or reduce the projector's brightness",
     "dark": "more light is needed",
     "low_modulation": "the projector's light must carry fringes there: check slide, focus and ambient light",
     "outside": "let the fringes fill the field",
-    "misfit": "the frames are none of one phase-shifted set: take it again",
+    "misfit": "the frames do not belong to one phase-shifted set: take it again",
 }
 
 
-def with_causes(error: FringecalError, reference: CapturePhase, strips: CapturePhase) -> FringecalError:
-    """Return the error that names the faults of the frames; the error as it is where they have none.
+def caused_by_frames(error: FringecalError, reference: CapturePhase, strips: CapturePhase) -> FringecalError:
+    """Return an error that names the faults of the frames; the given error where they have none.
 
-    What was said of the strips guesses at causes, which a reader who has been told the cause need not weigh.
+    The error about the strips lists possible causes, which no longer matter once the cause is known.
 
     Parameters
     ----------
     error
-        What was said of the strips.
+        The error raised when the strips were looked for.
     reference, strips
         The two captures.
     """
     causes = [*too_few_pixels(reference), *too_few_pixels(strips), *_faults(strips, reference)]
-    return error if not causes else type(error)(" ".join([*causes, "Without that the strips cannot be found."]))
+    return error if not causes else type(error)(" ".join([*causes, "Because of that the strips cannot be found."]))
 
 
-def with_frames_causes(error: FringecalError, phase: CapturePhase, plate: Capture | None = None) -> FringecalError:
-    """Return the error that names the faults of an artefact's frames; the error as it is where they have none.
+def caused_by_frames_of(error: FringecalError, phase: CapturePhase, plate: Capture | None = None) -> FringecalError:
+    """Return an error that names the faults of an artefact's frames; the given error where they have none.
 
     Parameters
     ----------
     error
-        What was said of the surface.
+        The error raised when the surface was looked for.
     phase
         The artefact's capture.
     plate
         The bare plate's capture of the same session, if there is one.
     """
     causes = [*too_few_pixels(phase), *_faults_of(phase, plate, set())]
-    return error if not causes else type(error)(" ".join([*causes, "Without that its heights cannot be measured."]))
+    return error if not causes else type(error)(" ".join([*causes, "Because of that its heights cannot be measured."]))
 
 
 def too_few_pixels(phase: CapturePhase) -> Iterator[str]:
@@ -67,14 +67,14 @@ def main_reason(phase: PhaseMap) -> str:
 
 
 def _faults(strips: CapturePhase, reference: CapturePhase) -> Iterator[str]:
-    """Let the doctor look for frames in another order, or of one step, in either capture."""
+    """Look for frames in another order, or with equal phase shifts, in either capture."""
     seen: set[FindingKind] = set()
     for phase, beside in ((reference, None), (strips, reference.capture)):
         yield from _faults_of(phase, beside, seen)
 
 
 def _faults_of(phase: CapturePhase, beside: Capture | None, seen: set[FindingKind]) -> Iterator[str]:
-    """Name what no correction undoes in one capture, but for what was `seen` before."""
+    """Name the findings that cannot be corrected in one capture, except those in `seen`."""
     capture = phase.capture
     frames = capture.read_set(period=shortest_period(capture))
     plate = None if beside is None else beside.read_set(period=shortest_period(beside))

@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from fringecal.phase import PlateOrders, Waveform
 from fringecal.records import FindingRecord, OrdersRecord, StepsRecord, WaveRecord
-from fringecal.workflows.shared.examination import Examination
+from fringecal.workflows.shared.capture_diagnosis import CaptureDiagnosis
 
 
-def steps_record(examined: Examination) -> StepsRecord:
+def steps_record(diagnosed: CaptureDiagnosis) -> StepsRecord:
     """Return what the record keeps of one capture's frames."""
-    found = examined.phase
+    found = diagnosed.phase
     estimate = found.estimated
     measured = (
         {}
@@ -31,20 +31,21 @@ def steps_record(examined: Examination) -> StepsRecord:
         used="estimated" if found.used == "estimated" else "stated",
         undone=found.adapted.undone,
         notes=found.adapted.notes,
-        findings=findings_of(examined),
+        findings=findings_of(diagnosed),
         **measured,
     )
 
 
-def findings_of(examined: Examination) -> tuple[FindingRecord, ...]:
-    """Return what the record keeps of the doctor's findings."""
+def findings_of(diagnosed: CaptureDiagnosis) -> tuple[FindingRecord, ...]:
+    """Return the findings of the diagnostics as the record keeps them."""
     return tuple(
-        FindingRecord(**finding.document(), undone=finding.kind in examined.undone) for finding in examined.findings
+        FindingRecord(**finding.document(), undone=finding.kind in diagnosed.corrected)
+        for finding in diagnosed.findings
     )
 
 
 def wave_record(wave: Waveform | None) -> WaveRecord | None:
-    """Return what the record keeps of the fringes' shape."""
+    """Return the waveform as the record keeps it."""
     if wave is None:
         return None
     return WaveRecord(
@@ -58,7 +59,7 @@ def wave_record(wave: Waveform | None) -> WaveRecord | None:
 
 
 def wave_of(written: WaveRecord | None) -> Waveform | None:
-    """Return the fringes' shape that a record holds."""
+    """Return the waveform that a record holds."""
     if written is None:
         return None
     ratios = np.array(written.ratios_real) + 1j * np.array(written.ratios_imaginary)

@@ -23,7 +23,7 @@ class Treatment:
 
     @property
     def sentence(self) -> str:
-        """Say what was done; empty if nothing was."""
+        """State which filters were applied; empty if none was."""
         done = [f"frames filtered ({self.before})"] if self.before != "none" else []
         done += ["plate's own heights subtracted"] if self.minus_plate else []
         done += [f"heights filtered ({self.after})"] if self.after != "none" else []

@@ -5,7 +5,17 @@ from datetime import datetime
 import numpy as np
 
 from fringecal.records import software_versions
-from fringecal.report import DOUBT, Fact, FigureItem, Report, Section, Table, Verdict, coverage_bars, z_histograms
+from fringecal.report import (
+    AS_U,
+    Fact,
+    FigureItem,
+    Report,
+    Section,
+    Table,
+    Verdict,
+    coverage_bars,
+    z_histograms,
+)
 from fringecal.workflows.shared import checks_table, severest
 from fringecal.workflows.study.coverage_summary import WANTED, StudySummary
 
@@ -50,7 +60,7 @@ def study_report(summary: StudySummary, *, command: str = "", created: datetime 
 def coverage_table(summary: StudySummary) -> Table:
     """Tabulate bias, standard deviation and coverage of every quantity."""
     percent = dict.fromkeys(("coverage / %", "from / %", "to / %"), ".1f")
-    widths = dict.fromkeys(("standard deviation", "stated u"), DOUBT)
+    widths = dict.fromkeys(("standard deviation", "stated u"), AS_U)
     formats = {"bias": "+.2g", "standard deviation / u": ".2f"} | widths
     return Table("Coverage", summary.frame(), _NOTE, formats | percent, {"bias": "u(bias)"})
 

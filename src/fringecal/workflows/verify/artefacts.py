@@ -11,7 +11,7 @@ from fringecal.reconstruct import HeightMap, Levels, absolute_phase, height_of_p
 from fringecal.session import Capture
 from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, footprint_mm, surface_mm
 from fringecal.verification import Probe, Reading, probe, take_readings
-from fringecal.workflows.shared import CapturePhase, phase_of_capture, with_frames_causes
+from fringecal.workflows.shared import CapturePhase, caused_by_frames_of, phase_of_capture
 from fringecal.workflows.verify.height_range import with_headroom
 
 _ACROSS, _ALONG = 401, 41  # places of an artefact's footprint at which its height is asked: across it heights change
@@ -75,7 +75,7 @@ def verify_artefact(
         readings = take_readings(found, surface, lambda u, v, z: points_by_component(calibration, u, v, z))
         return ArtefactVerification(capture, target, phase, surface, found, readings)
     except FringecalError as error:
-        raise with_frames_causes(error, phase) from error
+        raise caused_by_frames_of(error, phase) from error
 
 
 def height_range_mm(target: Artefact) -> tuple[float, float]:

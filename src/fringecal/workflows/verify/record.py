@@ -53,8 +53,8 @@ def verification_record(
         sentence=errors.sentence,
         checks=verification_checks(found, limits),
         limits=limits,
-        findings=findings_of(found.examined),
-        notes=(found.phase.sentence(), *found.examined.sentences()),
+        findings=findings_of(found.diagnosed),
+        notes=(found.phase.sentence(), *found.diagnosed.sentences()),
     )
 
 

@@ -25,7 +25,7 @@ from fringecal.report import (
 from fringecal.uncertainty import EXPANDED_BY
 from fringecal.verification import ProfileCurve, ProfileErrors, ZigzagErrors, models_table, ranking_table
 from fringecal.workflows.shared import (
-    doctor_section,
+    findings_section,
     height_item,
     inputs_of_capture,
     phase_section,
@@ -90,7 +90,12 @@ def verification_report(
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
         verdict=replace(verdict_of(found.errors), decision=severest(verification_checks(found, limits))),
         facts=_facts(found),
-        sections=(*sections, surface_section(found), phase_section((found.phase,)), doctor_section((found.examined,))),
+        sections=(
+            *sections,
+            surface_section(found),
+            phase_section((found.phase,)),
+            findings_section((found.diagnosed,)),
+        ),
         inputs=inputs_of_capture(found.capture),
         versions=software_versions(),
         command=command,
@@ -171,8 +176,8 @@ def _renamed(caption: str, frame: pd.DataFrame, columns: dict[str, tuple[str, st
     kept = [key for key in columns if key in frame.columns]
     names = [columns[key][0] for key in kept]
     formats = {name: form for name, form in columns.values() if form != "s"}
-    doubts = {"mean / mm": "u(mean) / mm"} if "u_mm" in kept else {}
-    return Table(caption, frame[kept].set_axis(names, axis="columns"), note, formats, doubts)
+    uncertainties = {"mean / mm": "u(mean) / mm"} if "u_mm" in kept else {}
+    return Table(caption, frame[kept].set_axis(names, axis="columns"), note, formats, uncertainties)
 
 
 def _flank_table(errors: ZigzagErrors) -> Table:

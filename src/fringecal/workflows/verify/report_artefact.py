@@ -81,8 +81,10 @@ def numbers_section(found: ArtefactVerification) -> Section:
     names = {"u_measured": "u(measured)", "u_reference": "u(certificate)", "reference": "certified", "en": "En"}
     frame = readings_table(found.readings)
     frame.columns = pd.Index([names.get(name, name) for name in frame.columns])
-    doubts = {"measured": "u(measured)", "certified": "u(certificate)", "error": "u(measured)"}
-    table = Table("Numbers", frame, _NOTE, {names.get(name, name): form for name, form in formats.items()}, doubts)
+    uncertainties = {"measured": "u(measured)", "certified": "u(certificate)", "error": "u(measured)"}
+    table = Table(
+        "Numbers", frame, _NOTE, {names.get(name, name): form for name, form in formats.items()}, uncertainties
+    )
     return Section(
         "Errors", (found.sentence, *(f"{note[0].upper()}{note[1:]}." for note in found.probe.notes)), (table,)
     )

@@ -19,14 +19,14 @@ from fringecal.verification import (
     zigzag_shape,
 )
 from fringecal.workflows.shared import (
+    CaptureDiagnosis,
     CapturePhase,
-    Examination,
+    caused_by_frames_of,
     demand_same_picture,
-    examine,
+    diagnose_capture,
     filtered_phase,
     phase_of_capture,
     plate_beside,
-    with_frames_causes,
 )
 from fringecal.workflows.verify.height_range import with_headroom
 
@@ -46,7 +46,7 @@ class Verification:
     capture: Capture
     target: Zigzag
     phase: CapturePhase
-    examined: Examination
+    diagnosed: CaptureDiagnosis
     surface: HeightMap
     pose: ZigzagPose
     errors: ZigzagErrors
@@ -96,7 +96,7 @@ def verify(
         progress("heights of the bars")
         return _measured(phase, calibration, plate, rows_px, with_filters, with_models, progress)
     except FringecalError as error:
-        raise with_frames_causes(error, phase, plate) from error
+        raise caused_by_frames_of(error, phase, plate) from error
 
 
 def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, and what it has found so far
@@ -128,8 +128,8 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     if with_filters:
         progress("filters ranked")
         filters = _filter_study(phase, calibration, target, pose, heights)
-    examined = examine(phase, calibration, plate=plate)
-    return Verification(capture, target, phase, examined, surface, pose, errors, models, filters)
+    diagnosed = diagnose_capture(phase, calibration, plate=plate)
+    return Verification(capture, target, phase, diagnosed, surface, pose, errors, models, filters)
 
 
 def artefact_capture(session: Session, name: str | None, calibration: RigCalibration) -> Capture:

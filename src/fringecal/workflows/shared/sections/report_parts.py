@@ -8,8 +8,8 @@ import pandas as pd
 
 from fringecal.records import Check
 from fringecal.report import (
+    AS_U,
     DOF,
-    DOUBT,
     Decision,
     FigureItem,
     InputFile,
@@ -55,7 +55,7 @@ def estimates_table(
     frame = pd.DataFrame(rows)
     frame.insert(0, first, list(estimates))
     note = "; ".join(filter(None, (header_note, EXPANDED_BY)))
-    return Table(caption, frame, note, {"value": "#.6g", "U (95 %)": DOUBT, "dof": DOF}, {"value": "u"})
+    return Table(caption, frame, note, {"value": "#.6g", "U (95 %)": AS_U, "dof": DOF}, {"value": "u"})
 
 
 def budget_table(caption: str, budget: Budget) -> Table:
@@ -63,7 +63,7 @@ def budget_table(caption: str, budget: Budget) -> Table:
     unit = budget.result.unit
     heading = f"contribution / ({unit})" if "/" in unit else f"contribution / {unit}"
     frame = budget.table().set_axis(["source of uncertainty", heading, "share of the variance / %"], axis="columns")
-    formats = {heading: DOUBT, "share of the variance / %": ".1f"}
+    formats = {heading: AS_U, "share of the variance / %": ".1f"}
     return Table(caption, frame, "standard uncertainties", formats)
 
 
@@ -74,7 +74,7 @@ def checks_table(checks: Sequence[Check]) -> Table:
     frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
     # A value that would round onto its limit gets the digits that show on which side it lies.
     near = any(c.value is not None and c.limit and 0 < abs(abs(c.value) / c.limit - 1) < _ON_LIMIT for c in checks)
-    formats = {"value": ".6g" if near else ".3g", "U (95 %)": DOUBT, "limit": ".3g"}
+    formats = {"value": ".6g" if near else ".3g", "U (95 %)": AS_U, "limit": ".3g"}
     names = ["check", *("U (95 %)" if key == "expanded" else key for key in keys[1:])]
     return Table("What was checked", frame.set_axis(names, axis="columns"), EXPANDED_BY, formats, {"value": "u"})
 

@@ -12,12 +12,12 @@ from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_peri
 
 
 @dataclass(frozen=True)
-class Examination:
+class CaptureDiagnosis:
     """The findings of the diagnostics in one capture, and those for which the phase used is corrected."""
 
     phase: CapturePhase
     diagnosis: Diagnosis
-    undone: frozenset[FindingKind]
+    corrected: frozenset[FindingKind]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -34,12 +34,14 @@ class Examination:
             height = "" if finding.cost_mm is None else f", {finding.cost_mm:.3f} mm of height"
             effect = f"it causes a phase error of {finding.cost_rad:.3f} rad rms{height}"
         done = f"corrected in the phase used; to remove the cause: {finding.remedy}"
-        what = done if finding.kind in self.undone else finding.remedy
+        what = done if finding.kind in self.corrected else finding.remedy
         name = self.phase.capture.name
         return f"{name}: {finding.kind.text}: {finding.what} ({finding.how_large}); {effect}; {what}."
 
 
-def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture | None = None) -> Examination:
+def diagnose_capture(
+    phase: CapturePhase, calibration: RigCalibration, *, plate: Capture | None = None
+) -> CaptureDiagnosis:
     """Diagnose a capture's frames.
 
     Parameters
@@ -62,7 +64,7 @@ def examine(phase: CapturePhase, calibration: RigCalibration, *, plate: Capture 
         reference=None if bare is None or bare.shape != frames.shape else bare,
         mm_per_rad=height_per_rad_mm(calibration),
     )
-    return Examination(phase, _with_repeats(found, capture, calibration), _undone(phase))
+    return CaptureDiagnosis(phase, _with_repeats(found, capture, calibration), _corrected(phase))
 
 
 def plate_beside(session: Session, capture: Capture) -> Capture | None:
@@ -99,7 +101,7 @@ def _with_repeats(found: Diagnosis, capture: Capture, calibration: RigCalibratio
     return replace(found, findings=(*found.findings, *more))
 
 
-def _undone(phase: CapturePhase) -> frozenset[FindingKind]:
+def _corrected(phase: CapturePhase) -> frozenset[FindingKind]:
     """Return the kinds of findings that the phase used is corrected for."""
     used = phase.adapted
     kinds = set()
