@@ -80,10 +80,10 @@ PRINTED = {
     "fringecal check session": "A session: every file is there",
     "fringecal procedure run": "All is there: fringecal commission session --out calibration",
     "fringecal grid session": "No lens distortion was found",
-    "fringecal phase session --doctor": "plate: the doctor finds nothing wrong",
+    "fringecal phase session --diagnose": "plate: the diagnostics find nothing",
     "fringecal phase 'pat0": "noise would make",
     "fringecal lens": "pictures of Chessboard",
-    "fringecal audit moved": "Probable cause: lamp moved",
+    "fringecal audit moved": "Probable cause: projector moved",
     "fringecal history msa": "of the tolerance",
     "fringecal serve": "tutorial",
 }
@@ -366,7 +366,7 @@ def the_tutorial_kept_its_promises(told: dict[str, str]) -> None:
         for start in ("commission", "audit", "history show", "rerun", "certificate")
     )
     assert "To measure next" in commissioning
-    assert "what differs is chance" in audit
+    assert "the difference is within what chance explains" in audit
     assert "3 record(s)" in history
     assert "to the last digit" in again
     assert "DRAFT" in report

@@ -136,7 +136,7 @@ def test_what_cannot_be_compared_says_why(choosing, client):
 def test_what_is_not_there_is_not_found(client, place):
     page = client.get(place)
     assert page.status_code == 404
-    assert "Not to be had" in page.text
+    assert "Not available" in page.text
 
 
 @pytest.mark.parametrize("method", ["post", "put", "delete", "patch"])

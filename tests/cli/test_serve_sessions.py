@@ -128,7 +128,7 @@ def test_no_write_without_the_token_or_from_elsewhere(client, desk, headers, tok
     for place in ("/sessions", "/sessions/open", "/sessions/x/run", "/runs/x/stop", "/", "/none"):
         answer = client.post(place, data={} if token is None else {"token": token}, headers=headers)
         assert answer.status_code == 403, place
-        assert "Not to be had" in answer.text
+        assert "Not available" in answer.text
     assert list(desk.work.iterdir()) == []
 
 

@@ -66,7 +66,7 @@ def test_table_for_people(lens):
     # At 80 columns no heading is broken within a word.
     assert all(
         re.search(rf"\b{word}", result.stdout)
-        for word in ("masked because", "levels", r"u\(phase\)", "period", "steps found")
+        for word in ("masked because", "levels", r"u\(phase\)", "period", "phase shifts")
     )
     assert "differ from the stated 0, 90, 180, 270 deg" in result.stdout
 
@@ -122,19 +122,19 @@ def wall(request):
     return [folder / f"pat0{k}.png" for k in range(3)]
 
 
-def test_doctor_names_gamma_and_exits_with_3(wall, tmp_path):
-    found = run(*wall, "--steps=-120,0,120", "--doctor", "--mm-per-rad", "1.5", "--out", tmp_path, "--json")
+def test_diagnostics_names_gamma_and_exits_with_3(wall, tmp_path):
+    found = run(*wall, "--steps=-120,0,120", "--diagnose", "--mm-per-rad", "1.5", "--out", tmp_path, "--json")
     assert found.exit_code == 3
     (one,) = json.loads(found.stdout)["captures"]
     (gamma,) = one["findings"]
     assert gamma["name"] == "gamma"
     assert gamma["cost_mm"] == pytest.approx(1.5 * gamma["cost_rad"])
     assert one["ripple_rad"]["3"] > 0.2
-    assert (tmp_path / "pat00-doctor.png").stat().st_size > 10_000
+    assert (tmp_path / "pat00-diagnostics.png").stat().st_size > 10_000
 
 
-def test_doctor_says_what_to_do_and_that_nothing_is_wrong(wall, tmp_path, camera, rng):
-    ill = run(*wall, "--steps=-120,0,120", "--doctor")
+def test_diagnostics_says_what_to_do_and_that_nothing_is_wrong(wall, tmp_path, camera, rng):
+    ill = run(*wall, "--steps=-120,0,120", "--diagnose")
     assert "GAMMA" in ill.stdout
     assert "switch gamma off" in ill.stdout
     v, u = np.mgrid[:160, :200]
@@ -143,9 +143,9 @@ def test_doctor_says_what_to_do_and_that_nothing_is_wrong(wall, tmp_path, camera
     clean = camera(110 + 70 * np.cos(2 * np.pi * (u + 0.2 * v) / 14 + steps), rng, sigma=1.0)
     for file, frame in zip(files, clean, strict=True):
         cv2.imwrite(str(file), frame)
-    well = run(*files, "--steps=0,120,240", "--doctor")
+    well = run(*files, "--steps=0,120,240", "--diagnose")
     assert well.exit_code == 0
-    assert "the doctor finds nothing wrong" in well.stdout
+    assert "the diagnostics find nothing" in well.stdout
 
 
 def written(folder, frames, pattern="{}.png"):
@@ -200,7 +200,7 @@ def test_a_wrong_order_that_cannot_be_undone_is_said(fringed, tmp_path):
     names = written(tmp_path / "set", fringed([0, 180, 90, 270]))
     with pytest.raises(PhaseError, match="in the order 1, 3, 2, 4"):
         run(*names, "--steps=0,90,180,270")
-    assert "SWAPPED FRAMES" in run(*names, "--steps=0,90,180,270", "--doctor").stdout
+    assert "SWAPPED FRAMES" in run(*names, "--steps=0,90,180,270", "--diagnose").stdout
 
 
 def test_wrong_counts_name_the_pictures(fringed, tmp_path):

@@ -1,4 +1,4 @@
-"""`fringecal angle`: the projection angle from the breaks of fringes at strips, beside what the stated rig asks for."""
+"""`fringecal angle`: the projection angle from fringe breaks at strips, beside theory from the stated positions."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from fringecal.uncertainty import Estimate
     from fringecal.workflows.commission import AngleFindings, Estimator
 
-HELP = """Measure the projection angle by the breaks of fringes at strips, column by column and row by row.
+HELP = """Measure the projection angle by fringe breaks at strips, column by column and row by row.
 
 SESSION holds a grid and strips. The ridge and skeleton estimators need one grey picture of each; the phase estimator
 needs phase-shifted pictures of the bare plate and of the strips. Angles are from the plate's normal.

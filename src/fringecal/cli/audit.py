@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 
 HELP = """Compare a rig with its calibration in force: what changed, by how much, and what probably moved.
 
-A grid says of the camera; the bare plate of lamp, slide and plate; strips beside it of the projection angle;
-artefacts of height errors. What is there decides what can be said. The calibration is never changed.
-Writes audit.json, tables, figures and report.html into DIR.
+A grid shows changes of the camera; the bare plate those of projector, slide and plate; strips beside it that of the
+projection angle; artefacts show height errors. The captures of the session decide what can be compared. The
+calibration is never changed. Writes audit.json, tables, figures and report.html into DIR.
 Exit code 0 within the limits, 3 beyond one, 1 if nothing could be compared.
 
 Example: fringecal audit bench/2026-12-22 --calibration calibration/calibration.json --out audit
@@ -84,7 +84,7 @@ def audit(
 
 
 def _others_table(checks: list["Check"]) -> Table:
-    """Tabulate the checks that are no change of one quantity: with the changes, all that are counted."""
+    """Tabulate the checks that are not the change of one quantity."""
     table = Table(title="The rig as a whole, and artefacts by the calibration in force", box=box.SIMPLE_HEAD, padding=0)
     for heading in ("check", "value", "limit", "outcome"):
         table.add_column(heading, justify="left" if heading in ("check", "outcome") else "right")

@@ -28,8 +28,8 @@ Example: fringecal check bench/2026-11-22 --json
 
 
 _NEXT = (
-    "A session: every file is there and can be read. What the pictures show was not judged; "
-    "fringecal phase SESSION --doctor looks into the fringes, fringecal procedure run walks the whole."
+    "A session: every file is there and can be read. The content of the pictures was not judged; "
+    "fringecal phase SESSION --diagnose tests the fringes, fringecal procedure run follows the whole procedure."
 )
 
 

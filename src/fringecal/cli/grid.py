@@ -213,7 +213,7 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
 
 def _scale_table(document: dict[str, Any]) -> Table:
     table = Table(title="Scale from distances between lines; u is a standard uncertainty")
-    for heading in ("direction", "factor / mm/px", "u", "relative"):
+    for heading in ("direction", "scale / mm/px", "u", "relative"):
         table.add_column(heading, justify="left" if heading == "direction" else "right")
     for name, one in document["scale"].items():
         table.add_row(

@@ -185,7 +185,7 @@ def _demand_quantities(asked: Sequence[str], known: set[str]) -> None:
     Raises
     ------
     HistoryError
-        As described; the nearest names are told.
+        As described; the message holds the nearest names.
     """
     from fringecal.errors import HistoryError
 

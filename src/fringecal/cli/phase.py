@@ -44,18 +44,19 @@ from fringecal.phase import (
 from fringecal.records import replacing
 from fringecal.report import diagnostics_overview, phase_overview
 
-HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the steps they really have.
+HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the phase shifts found.
 
 SOURCE is a session folder, a folder of pictures, or the pictures of one set in the order of --steps; with --periods
-all steps of the first period, then of the next. Several periods give an absolute phase.
+all frames of the first period, then of the next. Several periods give an absolute phase.
 
 Example: fringecal phase bench/2026-11-22 --capture reference --out phase-maps
 
 Example: fringecal phase a.png b.png c.png --steps 0,120,240
 
-With --doctor, says what is wrong with the pictures, what it costs and what to do; exit code 3 if anything is.
+With --diagnose, says what is wrong with the pictures, the phase error it causes and what to do; exit code 3 if
+anything is.
 
-Example: fringecal phase bench/2026-11-22 --doctor --out phase-maps
+Example: fringecal phase bench/2026-11-22 --diagnose --out phase-maps
 """
 
 
@@ -66,13 +67,13 @@ def register(app: typer.Typer) -> None:
 
 def phase(
     source: list[Path] = typer.Argument(..., help="Session folder, or pictures.", show_default=False),
-    steps: str | None = typer.Option(None, "--steps", help="Steps of the pictures in deg: 0,120,240."),
+    steps: str | None = typer.Option(None, "--steps", help="Phase shifts of the pictures in deg: 0,120,240."),
     periods: str | None = typer.Option(None, "--periods", help="Fringe periods of the pictures: 12,96."),
     channel: str | None = typer.Option(None, "--channel", help="Colour pictures: mean, red, green, blue or luma."),
     capture: str | None = typer.Option(None, "--capture", help="Only this capture of the session."),
     out: Path | None = typer.Option(None, "--out", help="Folder for NAME.npz (maps) and NAME.png (figure)."),
-    doctor: bool = typer.Option(False, "--doctor", help="Say what is wrong with the pictures."),
-    mm_per_rad: float | None = typer.Option(None, help="Height of one radian, mm: the doctor's costs in mm too."),
+    diagnostics: bool = typer.Option(False, "--diagnose", "--doctor", help="Say what is wrong with the pictures."),
+    mm_per_rad: float | None = typer.Option(None, help="Height of one radian, mm: states phase errors in mm too."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-phase/1)."),
 ) -> None:
     """Load, demodulate, save, print."""
@@ -80,11 +81,11 @@ def phase(
     orders: list[dict[str, Any]] = []
     for group in _groups(source, steps, periods, channel, capture):
         summaries = summarised(group)
-        diagnoses = [_diagnosed(one, mm_per_rad) if doctor else None for one in group.sets]
+        diagnoses = [_diagnosed(one, mm_per_rad) if diagnostics else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
                 named(one, demand_phase, summary, one.frames, one.phase_shifts_rad)
-        counted = counted_orders(group, summaries) if group.absolute and not doctor else None
+        counted = counted_orders(group, summaries) if group.absolute and not diagnostics else None
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
             if diagnosis is not None:
@@ -103,7 +104,7 @@ def phase(
 
 
 def _diagnosed(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
-    """Return what the doctor sees in a set, and all findings with those between its repeats."""
+    """Return the diagnosis of a set, and all findings with those between its repeats."""
     found = diagnose(
         one.frames, one.phase_shifts_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
     )
@@ -111,7 +112,7 @@ def _diagnosed(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list
 
 
 def _diagnosis_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
-    """Put what the doctor found into plain numbers."""
+    """Put the findings into plain numbers."""
     ripple = {str(order): value for order, value in diagnosis[0].ripple_rad.items()}
     return {"findings": [finding.document() for finding in diagnosis[1]], "ripple_rad": ripple}
 
@@ -136,7 +137,7 @@ def _groups(
     elif capture is not None:
         raise typer.BadParameter("pictures have no captures; give a session folder", param_hint="--capture")
     elif steps is None:
-        raise typer.BadParameter("state the steps of the pictures, such as 0,120,240", param_hint="--steps")
+        raise typer.BadParameter("state the phase shifts of the pictures, such as 0,120,240", param_hint="--steps")
     else:
         if channel is not None and channel not in CHANNELS:
             raise typer.BadParameter(f"{channel!r} is none of {', '.join(CHANNELS)}", param_hint="--channel")
@@ -174,10 +175,10 @@ def _save(summary: PhaseSummary, name: str, folder: Path) -> list[str]:
 
 
 def _save_diagnosis(diagnosis: Diagnosis, name: str, folder: Path) -> list[str]:
-    """Write what the doctor looked at as a figure."""
-    with replacing(folder / f"{name}-doctor.png") as path:
+    """Draw the diagnostics as a figure."""
+    with replacing(folder / f"{name}-diagnostics.png") as path:
         diagnostics_overview(diagnosis, title=name).savefig(path)
-    return [str(folder / f"{name}-doctor.png")]
+    return [str(folder / f"{name}-diagnostics.png")]
 
 
 def _document(one: PhaseSet, summary: PhaseSummary, files: list[str]) -> dict[str, Any]:
@@ -203,7 +204,7 @@ def _document(one: PhaseSet, summary: PhaseSummary, files: list[str]) -> dict[st
 
 
 def _steps_document(steps: PhaseShiftEstimate) -> dict[str, Any]:
-    """Put found steps into plain numbers."""
+    """Put found phase shifts into plain numbers."""
     return {
         "found_deg": np.rad2deg(steps.phase_shifts_rad).tolist(),
         "u_deg": np.rad2deg(steps.u_rad).tolist(),
@@ -219,10 +220,18 @@ def _show(documents: list[dict[str, Any]]) -> None:
     table = Table(
         title="phase maps; a pixel may be masked for several reasons", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0)
     )
-    for heading in ("set", "valid", "masked because", "B\nlevels", "u(phase)\nrad", "period\npx", "steps found\ndeg"):
+    for heading in (
+        "set",
+        "valid",
+        "masked because",
+        "B\nlevels",
+        "u(phase)\nrad",
+        "period\npx",
+        "phase shifts\nfound, deg",
+    ):
         left = heading in ("set", "masked because")
-        # A cause or a list of steps may go on below; a number that is cut cannot be read.
-        table.add_column(heading, justify="left" if left else "right", no_wrap=not left and "steps" not in heading)
+        # A cause or a list of phase shifts may go on below; a number that is cut cannot be read.
+        table.add_column(heading, justify="left" if left else "right", no_wrap=not left and "shifts" not in heading)
     for one in documents:
         table.add_row(*_row(one))
     console.print(table)
@@ -252,21 +261,25 @@ def _sentences(one: dict[str, Any]) -> Iterator[str]:
     if found and found["differ"]:
         stated = ", ".join(f"{step:g}" for step in one["steps_stated_deg"])
         u = max(found["u_deg"])
-        yield f"the steps differ from the stated {stated} deg by more than chance explains (u = {u:.3f} deg)"
+        yield f"the phase shifts differ significantly from the stated {stated} deg (u = {u:.3f} deg)"
     if one["undone"]:
         yield "the map is corrected: " + "; ".join(one["undone"])
     yield from one["notes"]
     for finding in one.get("findings", []):
         yield _finding_sentence(finding)
     if one.get("findings") == []:
-        yield "the doctor finds nothing wrong that costs more than 0.004 rad"
+        yield "the diagnostics find nothing that causes a phase error above 0.004 rad"
     if one["files"]:
         yield "wrote " + ", ".join(one["files"])
 
 
 def _finding_sentence(finding: dict[str, Any]) -> str:
-    """Write one finding as a sentence: what, how large, what it costs, what to do."""
+    """Write one finding as a sentence: what, how large, the phase error it causes, what to do."""
     rad, mm = finding["cost_rad"], finding["cost_mm"]
-    cost = "costs pixels" if rad is None else f"costs {rad:.3f} rad rms" + (f", {mm:.3f} mm" if mm is not None else "")
+    effect = (
+        "masks pixels"
+        if rad is None
+        else f"phase error {rad:.3f} rad rms" + (f", {mm:.3f} mm" if mm is not None else "")
+    )
     name = FindingKind(finding["name"]).text.upper()
-    return f"{name}: {finding['what']} ({finding['how_large']}); {cost}; {finding['remedy']}"
+    return f"{name}: {finding['what']} ({finding['how_large']}); {effect}; {finding['remedy']}"

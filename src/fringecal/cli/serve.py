@@ -221,7 +221,7 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
         if code == 500 and not isinstance(error, FringecalError):
             app.logger.error("a page failed", exc_info=error)
         told = str(error) if isinstance(error, FringecalError) else _WORDS.get(code, "This page cannot be shown.")
-        return message_page("Not to be had", told), code
+        return message_page("Not available", told), code
 
 
 def _document(db: str, sha256: str) -> str:

@@ -1,4 +1,4 @@
-"""`fringecal study`: many random virtual rigs commissioned, to see whether the stated uncertainties hold."""
+"""`fringecal study`: many random virtual rigs commissioned, to find the coverage of the stated uncertainties."""
 
 import json
 import time
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
 HELP = """Commission many random virtual rigs and compare what was found with what is true.
 
-Reports for scale, angle at the origin and heights at check points: bias, spread against stated u, and the coverage
-of 95 % intervals with its binomial band. Each rig's result is kept in DIR: the same command goes on where an
+Reports for scale, angle at the origin and heights at check points: bias, standard deviation against stated u, and the
+coverage of 95 % intervals with its binomial band. Each rig's result is kept in DIR: the same command goes on where an
 interrupted one stood. The numbers depend on the seed, and not on who computes them.
 
 Example: fringecal study --rigs 2 --out study
@@ -89,19 +89,19 @@ def _now_and_then(show, rigs: int):  # type: ignore[no-untyped-def]
     started, calls = time.monotonic(), 0
     every = 1 if console.is_terminal else max(1, rigs // _TOLD)
 
-    def tell(step: str) -> None:
+    def line(stage: str) -> None:
         nonlocal calls
         if calls % every == 0:
-            show(f"{step}, {time.monotonic() - started:.0f} s")
+            show(f"{stage}, {time.monotonic() - started:.0f} s")
         calls += 1
 
-    return tell
+    return line
 
 
 def _table(summary: "StudySummary") -> Table:
     title = "Errors against stated uncertainties; coverage of 95 % intervals with its binomial band"
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for heading in ("quantity", "bias", "stated u", "spread/u", "held/%", "band/%"):
+    for heading in ("quantity", "bias", "stated u", "sd/u", "coverage/%", "band/%"):
         table.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=True)
     for q in summary.quantities:
         band = f"{100 * q.band[0]:.1f}..{100 * q.band[1]:.1f}"

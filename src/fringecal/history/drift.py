@@ -46,7 +46,7 @@ class Drift:
 
     @property
     def steady(self) -> bool:
-        """Whether nothing speaks against a straight line."""
+        """Whether the residuals are consistent with a straight line."""
         return self.p_structure >= _SUSPICIOUS
 
     def at(self, years: float) -> Estimate:
@@ -99,7 +99,7 @@ def _structure(residuals: np.ndarray) -> float:
     """Probability of successive residuals so alike by chance (von Neumann's ratio, normal approximation)."""
     total = float(residuals @ residuals)
     if len(residuals) < _LEAST_RESIDUALS or total == 0:
-        return 1.0  # too few to tell
+        return 1.0  # too few for a test
     ratio = float(np.sum(np.diff(residuals) ** 2)) / total
     n = len(residuals)
     # J. von Neumann 1941: mean 2, variance 4 (n - 2) / (n^2 - 1) about the mean; two more degrees go with the line.

@@ -14,7 +14,7 @@ Floats = NDArray[np.float64]
 # Limits of the AIAG's manual, Measurement Systems Analysis, 4th edition (2010).
 POOLING_LEVEL = 0.25  # an interaction less significant than this is taken for repeatability
 GOOD_PERCENT, BAD_PERCENT = 10.0, 30.0  # %GRR below which a gauge is good, and above which it is unfit
-LEAST_CATEGORIES = 5  # distinct categories that a good gauge tells apart
+LEAST_CATEGORIES = 5  # distinct categories that a good gauge distinguishes
 _CATEGORIES = 1.41  # sqrt 2 with the manual's digits: 97 % intervals of the gauge that span the parts' variation
 _WHOLE_SCATTER = 6.0  # standard deviations that stand for the whole scatter of a gauge: 99.7 %
 
@@ -191,5 +191,7 @@ def _crossed(readings: ArrayLike) -> Floats:
     if not np.isfinite(x).all():
         raise HistoryError(f"a gauge study takes every reading, {int((~np.isfinite(x)).sum())} of {x.size} are missing")
     if np.ptp(x) == 0 or np.ptp(x, axis=2).max() == 0:
-        raise HistoryError("repeats do not differ at all: the readings are rounded or copied, and say nothing")
+        raise HistoryError(
+            "repeats do not differ at all: the readings are rounded or copied, and do not show the scatter"
+        )
     return x

@@ -91,7 +91,7 @@ _LOCK = 0x46524E47  # any number that all writers agree on
 
 
 def schema_version(connection: Connection) -> int:
-    """Tell how many steps a database has gone through; 0 when it is empty."""
+    """Return how many versions a database has gone through; 0 when it is empty."""
     if not sa.inspect(connection).has_table("schema_version"):
         return 0
     return int(connection.exec_driver_sql("SELECT COALESCE(MAX(version), 0) FROM schema_version").scalar_one())

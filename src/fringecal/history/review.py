@@ -1,4 +1,4 @@
-"""What a history says of one rig: charts, drift and interval for each quantity, gauge studies from repeats."""
+"""Evaluation of one rig's history: charts, drift and interval for each quantity, gauge studies from repeats."""
 
 import math
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Review:
-    """What one quantity's history says; `notes` tell what could not be said, and why."""
+    """Evaluation of one quantity's history; `notes` state what could not be determined, and why."""
 
     series: Series
     baseline: Baseline | None

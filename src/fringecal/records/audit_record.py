@@ -43,7 +43,7 @@ class AmountRecord(Part):
 class CauseRecord(Part):
     """One cause: how well it explains the change by itself.
 
-    `probability` is the chance of a misfit as large as `chi2` if the cause is right; `log_evidence` compares causes.
+    `probability` is that of a chi-squared as large as `chi2` if the cause is right; `log_evidence` compares causes.
     """
 
     name: str

@@ -54,7 +54,7 @@ class CameraRecord(Part):
 
 
 class ScaleRecord(Part):
-    """The scaling factor, also along the columns' and the rows' direction alone (mm/px)."""
+    """The mean scale, also along the columns' and the rows' direction alone (mm/px)."""
 
     mean: EstimateRecord
     horizontal: EstimateRecord
@@ -84,7 +84,7 @@ class DistortionRecord(Part):
 
 
 class ColumnRecord(Part):
-    """The projection angle in one column: as measured, as it looks, and as theory has it.
+    """The projection angle in one column: as measured, as apparent to the camera, and in theory.
 
     `angle_deg` is the projector's own angle, from the plate's normal; `apparent_deg` includes
     the camera's; `theory_deg`, `difference_deg` and `en` are null where no position is stated.
@@ -148,7 +148,7 @@ class PlateResidual(Part):
 
 
 class ModeRecord(Part):
-    """One uncertainty component: what one standard uncertainty of it does to camera, rig and plate residual.
+    """One uncertainty component: the effect of one standard uncertainty of it on camera, rig and plate residual.
 
     `effect` runs over the camera's parameters, the rig's, then the plate residual's coefficients; the joint
     covariance of all of them is the sum over the modes of effect times effect transposed.
@@ -243,7 +243,7 @@ class CalibrationRecord(Provenance):
     camera: CameraRecord
     lens: LensRecord | None = Field(default=None, description="the lens as stated or solved before the grid")
     steps: tuple[StepsRecord, ...] = ()
-    wave: WaveRecord | None = Field(default=None, description="shape of the fringes; null where not measured")
+    wave: WaveRecord | None = Field(default=None, description="waveform; null where not measured")
     orders: OrdersRecord | None = Field(default=None, description="how several periods number the fringes")
     scale: ScaleRecord
     distortion: DistortionRecord

@@ -48,7 +48,7 @@ def record_file(path: str | Path) -> Path:
 
 
 def kind_of(file: Path) -> Kind:
-    """Tell which kind of record a file holds, by the format that it states.
+    """Return which kind of record a file holds, by the format that it states.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class BoardSolution(Part):
     outliers: int = Field(ge=0)
     dof: int = Field(gt=0)
     board_warp_mm: tuple[float, float] | None = Field(
-        default=None, description="bow of the board across its columns and rows; null if taken as flat"
+        default=None, description="warp of the board across its columns and rows; null if taken as flat"
     )
     halves_median_px: float | None = Field(
         default=None, description="lens of the odd against lens of the even pictures; null if too few"

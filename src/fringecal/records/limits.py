@@ -30,8 +30,8 @@ class CommissionLimits(_Table):
     angle_u_deg: Limit = 0.5  # 1.8 % of a height at 50 deg
     angle_en: Limit = 1.0  # beyond 1 two numbers contradict each other (ISO 13528)
     height_en: Limit = 1.0  # likewise
-    noise_ratio: Limit = 1.5  # scatter of repeats over the camera's own: beyond it lamp or mount move
-    plate_form_mm: Limit = 0.05  # a plate that has bent is in no model
+    noise_ratio: Limit = 1.5  # scatter of repeats over the camera's own: beyond it projector or mount move
+    plate_form_mm: Limit = 0.05  # the model does not contain the warp of a plate
     frames_rad: Limit = 0.10  # as the plate's residual
 
 
@@ -50,7 +50,7 @@ class AuditLimits(_Table):
     distortion_px: Limit = 0.3  # as the grid's residual
     blur_px: Limit = 0.3  # moves an edge's foot by one pixel
     plate_phase_rad: Limit = 0.10  # 0.1 mm of height at 8 mm pitch and 50 deg
-    plate_form_mm: Limit = 0.05  # a plate that has bent is in no model
+    plate_form_mm: Limit = 0.05  # the model does not contain the warp of a plate
     height_scale_percent: Limit = 0.3  # 0.085 mm on a zig-zag of 28 mm
     angle_deg: Limit = 0.1  # the same at 50 deg
     contrast_percent: Limit = 10.0  # the random part of u(z) grows by a tenth

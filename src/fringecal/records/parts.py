@@ -152,7 +152,7 @@ class Provenance(Part):
 
 
 def is_covariance(matrix: Matrix, size: int) -> bool:
-    """Tell whether a matrix is `size` x `size`, symmetric and positive semi-definite within rounding.
+    """Return whether a matrix is `size` x `size`, symmetric and positive semi-definite within rounding.
 
     Rounding is judged on the correlation matrix, since parameters differ by many decades.
 

@@ -10,8 +10,8 @@ from fringecal.records.parts import Part, Uncertainty
 class FindingRecord(Part):
     """One thing that is wrong with a capture's frames.
 
-    Costs are rms over a fringe and null where pixels are lost rather than wrong; `undone` says that the phase used
-    was corrected for it.
+    The phase error `cost_rad` is rms over a fringe, and null where pixels are lost rather than wrong; `undone` says
+    that the phase used was corrected for it.
     """
 
     name: str
@@ -44,7 +44,7 @@ class StepsRecord(Part):
 
 
 class WaveRecord(Part):
-    """The shape of the fringes on the plate: harmonics 2, 3, 4 as complex shares of the first."""
+    """The waveform on the plate: harmonics 2, 3, 4 as complex shares of the first."""
 
     ratios_real: tuple[float, ...]
     ratios_imaginary: tuple[float, ...]

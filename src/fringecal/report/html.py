@@ -91,7 +91,7 @@ def write_html(report: Report, path: str | Path) -> Path:
 
 
 def folded(report: Report) -> tuple[bool, ...]:
-    """Tell which sections of a long report begin folded: those beyond the first few tables and figures.
+    """Return which sections of a long report begin folded: those beyond the first few tables and figures.
 
     The first section that shows anything never is, nor is any of a report that is short as a whole.
     """
@@ -103,7 +103,7 @@ def folded(report: Report) -> tuple[bool, ...]:
 
 
 def _contents(section: Section) -> str:
-    """Name what a folded section holds, so that a reader knows what to open."""
+    """Name the content of a folded section, so that a reader knows what to open."""
     captions = (*(table.caption for table in section.tables), *(figure.caption for figure in section.figures))
     return "; ".join(captions)
 

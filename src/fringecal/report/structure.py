@@ -1,4 +1,4 @@
-"""What a report is made of, before anything decides how it looks."""
+"""The content of a report, apart from its layout."""
 
 import re
 from collections.abc import Mapping
@@ -128,7 +128,7 @@ class InputFile:
 
 @dataclass(frozen=True)
 class Report:
-    """Everything a report says, in the order in which it says it.
+    """The content of a report, in its order.
 
     Parameters
     ----------

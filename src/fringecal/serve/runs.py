@@ -18,7 +18,7 @@ VERBS = ("commission", "verify", "audit")
 _COMMAND = (sys.executable, "-P", "-m", "fringecal")
 _MOST_LINES = 2000  # of a command's output that are kept: a commissioning says less than a hundred
 _PATIENCE_S = 10.0  # after which a command that was asked to stop is stopped
-_KEEP_ALIVE_S = 15.0  # of silence, after which a browser is told something, so that one that left is found out
+_KEEP_ALIVE_S = 15.0  # of silence, after which a browser is sent something, so that one that left is found out
 
 
 @dataclass
@@ -50,7 +50,7 @@ class Run:
     def follow(self, start: int = 0) -> Iterator[tuple[int, str] | None]:
         """Yield every line with its number from `start`, as it comes, until the end.
 
-        Where none comes for a while, None is yielded: who no longer listens is found out only by being told something.
+        Where none comes for a while, None is yielded: who no longer listens is found out only by being sent something.
         """
         while True:
             with self.changed:

@@ -1,4 +1,4 @@
-"""Several periods on the command line: orders decided, saved, drawn and told."""
+"""Several periods on the command line: orders decided, saved, drawn and printed."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -36,7 +36,7 @@ def shortest_set(group: Group) -> int:
 
 
 def summarised(group: Group) -> list[PhaseSummary]:
-    """Demodulate all sets of a group; wide fringes are taken to have the shape that the shortest show."""
+    """Demodulate all sets of a group; wide fringes are taken to have the waveform of the shortest."""
     shortest = shortest_set(group)
     main = _summary(group.sets[shortest])
     return [main if k == shortest else _summary(one, main) for k, one in enumerate(group.sets)]

@@ -131,7 +131,7 @@ def pictures_of(folder: Path) -> list[Path]:
 
 
 def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
-    """Read pictures that belong to no session: all steps of the first period, then of the next.
+    """Read pictures that belong to no session: all frames of the first period, then of the next.
 
     Raises
     ------

@@ -22,8 +22,8 @@ LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's
 
 _VERDICTS = {
     "pass": "PASS",
-    "conditionalPass": "CONDITIONAL PASS: nothing beyond its limit, but not everything proved",
-    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but not proved to be",
+    "conditionalPass": "CONDITIONAL PASS: nothing beyond its limit, but conformity not proved for all",
+    "conditionalFail": "CONDITIONAL FAIL: beyond a limit, but nonconformity not proved",
     "fail": "FAIL",
     "info": "NO VERDICT: nothing was judged",
 }

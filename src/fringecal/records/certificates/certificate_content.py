@@ -1,4 +1,4 @@
-"""What a calibration report says, before anything decides whether it is said in XML or on paper."""
+"""The content of a calibration report, apart from its form as XML or on paper."""
 
 import datetime
 import math

@@ -79,5 +79,5 @@ def cause_bars(names: Sequence[str], log_odds: Sequence[float], *, title: str = 
     axes.set_yticks(place, names)
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
-    axes.set(xlabel="decades less likely than the best; orange: not told apart (under 20 to 1)", title=title)
+    axes.set(xlabel="decades less likely than the best; orange: not distinguished (odds under 20 to 1)", title=title)
     return figure

@@ -15,7 +15,7 @@ def budget_bars(labels: Sequence[str], percents: Sequence[float], *, title: str 
     Parameters
     ----------
     labels
-        Name of each influence.
+        Name of each source of uncertainty.
     percents
         Its share of the variance, percent; negative where correlation cancels.
     title

@@ -1,4 +1,4 @@
-"""The projection angle from breaks of fringes at strips, by any of three estimators."""
+"""The projection angle from fringe breaks at strips, by any of three estimators."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""The report of the projection angle from the breaks of fringes at strips."""
+"""The report of the projection angle from fringe breaks at strips."""
 
 from datetime import datetime
 
@@ -21,7 +21,7 @@ def angle_report(found: AngleFindings, *, command: str = "", created: datetime |
     Parameters
     ----------
     found
-        What the breaks say.
+        The angle and all that it rests on.
     command, created
         As for `commission_report`.
     """
@@ -29,7 +29,11 @@ def angle_report(found: AngleFindings, *, command: str = "", created: datetime |
     decision: Decision = "info" if moved is None else "pass" if moved.agrees else "conditionalFail"
     facts = [
         Fact("Projection angle", concise(found.angle), "at the plate's origin, from the normal"),
-        Fact("Apparent angle", concise(found.apparent), "what a break shows there, the camera's own angle included"),
+        Fact(
+            "Apparent angle",
+            concise(found.apparent),
+            "there, the camera's own ray included",
+        ),
     ]
     if found.theory is not None:
         facts.append(Fact("Angle in theory", concise(found.theory), "from the stated positions"))
@@ -54,7 +58,7 @@ def _rig_section(found: AngleFindings) -> Section:
     table = Table("Projection angle over the field", field, CONVENTION, formats, {"angle_deg": "u_deg"})
     figure = angle_field(found.calibration, field_mm(found.calibration), found.breaks)
     low, high = field["angle_deg"].min(), field["angle_deg"].max()
-    alt = f"Lines of equal projection angle over the plate, {low:.1f} to {high:.1f} deg, and the breaks' places."
+    alt = f"Lines of equal projection angle over the plate, {low:.1f} to {high:.1f} deg, and the fringe breaks."
     item = FigureItem("Projection angle over the field", figure, alt)
     budget = budget_table("Budget of the projection angle", found.budget)
     return Section(

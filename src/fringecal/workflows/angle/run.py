@@ -1,4 +1,4 @@
-"""The projection angle: breaks of fringes at strips of known height, tables 3.5 and 3.6, by any of three estimators."""
+"""The projection angle: fringe breaks at strips of known height, tables 3.5 and 3.6, by any of three estimators."""
 
 from collections.abc import Callable
 
@@ -30,7 +30,7 @@ ESTIMATORS: tuple[Estimator, ...] = ("phase", "ridge", "skeleton")
 def break_angles(
     session: Session, *, estimator: Estimator = "phase", progress: Progress = lambda _: None
 ) -> AngleFindings:
-    """Measure the projection angle of a session by the breaks of fringes at its strips.
+    """Measure the projection angle of a session by the fringe breaks at its strips.
 
     Parameters
     ----------

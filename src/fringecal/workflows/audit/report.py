@@ -101,8 +101,8 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
         "limit": "g",
     }
     note = (
-        f"today minus at the calibration; En = change / U; {EXPANDED_BY}. An rms, which chance alone never leaves at "
-        "nought, is judged by its limit and has no En. Detection limit: seen with 95 % at the chance of a false alarm "
+        f"today minus at the calibration; En = change / U; {EXPANDED_BY}. An rms, which chance alone never makes "
+        "zero, is judged by its limit and has no En. Detection limit: seen with 95 % at the chance of a false alarm "
         "that the audit takes"
     )
     shares = [c.found.value / c.limit for c in changes]
@@ -135,8 +135,8 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
         for fit in found.causes
     ]
     note = (
-        "the signature of each cause, fitted to all changes at once; chi-squared is what it leaves, ln(odds) its "
-        "evidence against the best one's, free amounts paid for"
+        "the signature of each cause, fitted to all changes at once; chi-squared of the residuals; ln(odds): "
+        "evidence against the best cause, reduced for every free amount"
     )
     table = Table("Causes", pd.DataFrame(rows), note, {"chi-squared": ".1f", "ln(odds)": ".1f"})
     figure = FigureItem(

@@ -218,8 +218,8 @@ def _notes(
         )
     if plate is not None:
         notes.append(
-            f"Today's phase differs from the calibration's by {plate.offset_rad:+z.2f} rad everywhere, give or take "
-            "whole fringes: where the mirror was left; taken off."
+            f"Today's phase differs from the calibration's by {plate.offset_rad:+z.2f} rad everywhere, up to "
+            "whole fringes: it depends on where the mirror was left, and is subtracted."
         )
     missing = {
         "camera, scale and distortion: no grid": grid is None,

@@ -132,7 +132,7 @@ def _shared_sentence(shared: Sequence[Influence]) -> str:
     named = " and ".join(influence.text for influence in shared)
     return (
         f"Both were made with the same artefacts, so that {named} cannot explain a difference; all "
-        "other influences count as independent."
+        "other sources count as independent."
     )
 
 

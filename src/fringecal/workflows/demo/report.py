@@ -56,7 +56,7 @@ def demonstration_report(
         facts=(
             Fact("Mean scale", f"{found.calibrated.camera.scales['mean'].value:.5f} mm/px"),
             Fact("Projection angle", f"{angle.value:.3f} deg", "from the plate's normal, at the origin"),
-            Fact("Thesis's height error", f"{THESIS['height_error']} %", "average of the largest errors"),
+            Fact("Thesis's height error", f"{THESIS['height_error']} %", "mean of the maximum errors"),
         ),
         sections=(_result(table), _bars(found), _leaf(found), *_real(real), *_analytic(analytic)),
         versions=software_versions(),
@@ -70,7 +70,7 @@ def _verdict(found: Demonstration) -> Verdict:
     mean_of_max = np.mean([p.max_percent for p in errors.profiles])
     sentence = (
         f"Largest height errors on the zig-zag average {mean_of_max:.2f} % of its full height where the thesis had "
-        f"{THESIS['height_error']} %: its one angle for a diverging light explains the difference."
+        f"{THESIS['height_error']} %: its one angle for diverging light explains the difference."
     )
     return Verdict("info", sentence)
 

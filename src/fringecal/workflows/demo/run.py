@@ -90,7 +90,7 @@ def result_table(found: Demonstration) -> pd.DataFrame:
         ("vertical scale", vertical.value, vertical.u, truth.scale_v, none, "mm/px"),
         ("projection angle at the origin", angle.value, angle.u, truth.angle_deg, THESIS["angle"], "deg"),
         ("zig-zag, mean error", errors.pooled.mean_percent, _percent(found, errors.pooled.u_mm), 0.0, none, share),
-        ("zig-zag, mean of the largest errors", _mean_of_max(found, "projective"), none, 0.0, thesis_error, share),
+        ("zig-zag, mean of the maximum errors", _mean_of_max(found, "projective"), none, 0.0, thesis_error, share),
         ("the same with one constant angle", _mean_of_max(found, "constant-angle"), none, 0.0, thesis_error, share),
         ("the same, largest of all profiles", constant.pooled.max_percent, none, 0.0, none, share),
         ("leaf, mean height error", _leaf_error(found), _leaf_u(found), 0.0, none, "mm"),

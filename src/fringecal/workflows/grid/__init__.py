@@ -1,4 +1,4 @@
-"""What one picture of a grid tells: its lines, the scale, the lens distortion."""
+"""Results of one picture of a grid: its lines, the scale, the lens distortion."""
 
 import lazy_loader
 

@@ -31,7 +31,7 @@ _SILENT = {"inputs", "limits", "appearance"}  # what older versions did not writ
 _PAIRS = {"value": "u", "angle_deg": "u_deg", "mean_mm": "u_mm", "measured": "u_measured", "u_mm": "u_mm"}
 _VERBS = ("commission", "verify", "audit")
 _CALIBRATION = "--calibration"
-_JUDGED_WORDS = {"decision", "verdict", "model"}  # other words only say in figures what is compared anyway
+_JUDGED_WORDS = {"decision", "verdict", "model"}  # other texts repeat what is compared anyway
 _EN = "en"
 _VERDICT = "verdict"
 # Degrees of freedom that records without `en_definition` did not write beside u, as pydantic leaves them out.
@@ -44,7 +44,7 @@ _LATER_DOF: Any = {
 
 @dataclass(frozen=True)
 class Difference:
-    """One place in which two records differ; numbers with an uncertainty tell the difference as a part of it.
+    """One place in which two records differ; the difference of numbers with an uncertainty is given as a part of it.
 
     `defined` is whether another definition of En alone explains it: what En is formed from is compared for itself.
     """
@@ -100,7 +100,7 @@ class Rerun:
 
     @property
     def sentence(self) -> str:
-        """Say what came out, and which software could be the reason."""
+        """State the result, and which software could be the reason."""
         other = ", ".join(
             f"{name} {then or 'absent'} then, {now or 'absent'} now" for name, (then, now) in self._sorted
         )
@@ -116,7 +116,7 @@ class Rerun:
 
     @property
     def _about_en(self) -> str:
-        """Say that En is another number by definition, and which outcomes hang on that alone."""
+        """State that En has another definition, and which outcomes differ for that reason alone."""
         if self.same_en:
             return ""
         outcomes = [d for d in self.differences if d.defined and isinstance(d.now, str)]
@@ -301,9 +301,9 @@ def differences(then: Any, now: Any, place: str = "", u: float | None = None) ->
     """
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for name in dict.fromkeys((*then, *now)):
-            doubt = then.get(_PAIRS.get(name, ""))
+            u_then = then.get(_PAIRS.get(name, ""))
             inside = f"{place}.{name}" if place else str(name)
-            yield from differences(then.get(name), now.get(name), inside, doubt if _is_number(doubt) else None)
+            yield from differences(then.get(name), now.get(name), inside, u_then if _is_number(u_then) else None)
     elif _is_list(then) and _is_list(now) and len(then) == len(now):
         for number, (a, b) in enumerate(zip(then, now, strict=True)):
             yield from differences(a, b, f"{place}[{number}]")

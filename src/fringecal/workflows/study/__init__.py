@@ -1,4 +1,4 @@
-"""Many random virtual rigs commissioned: whether the stated uncertainties hold."""
+"""Many random virtual rigs commissioned: the coverage of the stated uncertainties."""
 
 import lazy_loader
 

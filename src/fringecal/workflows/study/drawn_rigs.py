@@ -1,4 +1,4 @@
-"""Random virtual rigs for a study: every influence drawn, and what the session states apart from what is true."""
+"""Random virtual rigs for a study: every source of uncertainty drawn; stated values apart from true values."""
 
 import math
 from dataclasses import dataclass
@@ -195,7 +195,7 @@ def _camera(rng: Draw, scale: float) -> dict[str, Any]:
 
 
 def _projector(rng: Draw) -> dict[str, Any]:
-    """Place the lamp above or below the picture, its fringes about along the rows."""
+    """Place the projector above or below the picture, its fringes about along the rows."""
     of = POPULATION
     height_mm, angle = rng.uniform(*of.projector_height_mm), math.radians(rng.uniform(*of.angle_deg))
     azimuth_deg = rng.choice([-90.0, 90.0]) + rng.uniform(*of.azimuth_deg)

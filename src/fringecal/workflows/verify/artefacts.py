@@ -30,10 +30,10 @@ class ArtefactVerification:
 
     @property
     def sentence(self) -> str:
-        """Say plainly whether the artefact's numbers agree with its certificate."""
+        """State whether the artefact's numbers agree with its certificate."""
         judged = [reading for reading in self.readings if reading.en is not None]
         if not judged:
-            return "The certificate states nothing that has an uncertainty here: errors are reported, not judged."
+            return "The certificate states no value with an uncertainty here: errors are reported, not judged."
         worst = max(judged, key=lambda reading: abs(reading.en or 0.0))
         verb = "agree" if abs(worst.en or 0.0) <= 1 else "do not agree"
         return (

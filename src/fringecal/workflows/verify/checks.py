@@ -45,7 +45,7 @@ def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) 
 
 
 def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
-    """Hold the mean error of all profiles against the laboratory's own tolerance."""
+    """Compare the mean error of all profiles with the laboratory's own tolerance."""
     pooled, full = found.errors.pooled, found.errors.full_height_mm
     return judged(
         "mean error against the tolerance",

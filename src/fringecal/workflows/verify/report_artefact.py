@@ -1,4 +1,4 @@
-"""The report of a verification on an artefact: its numbers beside the certificate, and where the points lie off it."""
+"""The report of a verification on an artefact: its numbers beside the certificate, and distances from its form."""
 
 from datetime import datetime
 
@@ -91,7 +91,7 @@ def numbers_section(found: ArtefactVerification) -> Section:
 
 
 def _budgets(found: ArtefactVerification) -> tuple[Section, ...]:
-    """Show what the uncertainty of the largest certified number is made of."""
+    """Show the uncertainty budget of the largest certified number."""
     judged = [r for r in found.readings if r.u_measured and r.reference is not None]
     if not judged:
         return ()
@@ -105,7 +105,7 @@ def _budgets(found: ArtefactVerification) -> tuple[Section, ...]:
 
 
 def artefact_surface_section(found: ArtefactVerification) -> Section:
-    """Show where points lie off the fitted form, the heights, and the surface to be turned."""
+    """Show the distances from the fitted form, the heights, and the surface as a view that can be turned."""
     surface, probe = found.surface, found.probe
     cloud = np.stack([surface.x, surface.y, surface.z], axis=-1).reshape(-1, 3)
     residual = np.full(surface.z.size, np.nan)

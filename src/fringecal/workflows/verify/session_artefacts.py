@@ -16,7 +16,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Verified:
-    """What a session's artefacts say of its calibration.
+    """The artefacts of a session, measured with its calibration.
 
     Parameters
     ----------
@@ -32,7 +32,7 @@ class Verified:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """Say of each artefact what came out, or why nothing did."""
+        """Give the result of each artefact, or why there is none."""
         bars = (f"{one.capture.name}: {_bars_sentence(one.errors)}" for one in self.bars)
         artefacts = (f"{one.capture.name}: {one.sentence}" for one in self.artefacts)
         failed = (f"{name}: not verified: {reason}" for name, reason in self.failures)
@@ -44,7 +44,7 @@ def _bars_sentence(errors: ZigzagErrors) -> str:
     pooled = errors.pooled
     head = f"mean error {pooled.mean_percent:+z.3f} %, largest {pooled.max_percent:.2f} % of the full height"
     if not ens:
-        return f"{head}; without uncertainties there is nothing to judge by."
+        return f"{head}; not judged, since no uncertainty is known."
     return f"{head}; largest |En| {max(ens):.2f}. {errors.sentence}"
 
 
