@@ -227,7 +227,7 @@ def _show(documents: list[dict[str, Any]]) -> None:
         "B\nlevels",
         "u(phase)\nrad",
         "period\npx",
-        "phase shifts\nfound, deg",
+        "phase\nshifts\ndeg",
     ):
         left = heading in ("set", "masked because")
         # A cause or a list of phase shifts may go on below; a number that is cut cannot be read.
