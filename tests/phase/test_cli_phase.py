@@ -68,7 +68,7 @@ def test_table_for_people(lens):
         re.search(rf"\b{word}", result.stdout)
         for word in ("masked because", "levels", r"u\(phase\)", "period", "shifts")
     )
-    assert "differ from the stated 0, 90, 180, 270 deg" in result.stdout
+    assert "differ significantly from the stated 0, 90, 180, 270 deg" in result.stdout
 
 
 @pytest.mark.parametrize(
