@@ -21,12 +21,14 @@ ALLOWED = {
 
 
 def left_aside(tree: ast.Module) -> set[int]:
-    """Docstrings, and the bodies of enumerations."""
+    """Docstrings, the bodies of enumerations, and the tables of their texts."""
     found = set()
     for node in ast.walk(tree):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
             found.add(id(node.value))
         if isinstance(node, ast.ClassDef) and any(getattr(base, "id", "") == Enum.__name__ for base in node.bases):
+            found |= {id(inside) for inside in ast.walk(node)}
+        if isinstance(node, ast.AnnAssign) and getattr(node.target, "id", "").endswith("TEXTS"):
             found |= {id(inside) for inside in ast.walk(node)}
     return found
 
@@ -75,4 +77,4 @@ def test_these_tests_see_what_they_look_for():
     old = 'shared = [m for m in modes if m.label != "phase scatter" and not m.label.startswith(CAMERA)]'
     assert list(named(old)) == ["phase scatter"]
     assert list(compared(old)) == ["m.label != 'phase scatter'", "m.label.startswith(CAMERA)"]
-    assert list(named('class A(Enum):\n    B = "strip height"\n')) == []
+    assert list(named('class A(Enum):\n    B = "strip height"\nA_TEXTS: dict[A, str] = {A.B: "grid pitch"}\n')) == []
