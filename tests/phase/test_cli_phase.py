@@ -74,7 +74,7 @@ def test_table_for_people(lens):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["a.png", "b.png", "c.png"], "state the steps"),
+        (["a.png", "b.png", "c.png"], "state the phase shifts"),
         (["a.png", "--steps", "0,x"], "not a list of numbers"),
         (["a.png", "--steps", "0,120,240", "--capture", "x"], "give a session folder"),
     ],
@@ -205,9 +205,9 @@ def test_a_wrong_order_that_cannot_be_undone_is_said(fringed, tmp_path):
 
 def test_wrong_counts_name_the_pictures(fringed, tmp_path):
     names = written(tmp_path / "set", fringed([0, 72, 144, 216]))
-    with pytest.raises(PhaseError, match="found 4 pictures .0.png, 1.png, 2.png, 3.png. for 5 steps"):
+    with pytest.raises(PhaseError, match="found 4 pictures .0.png, 1.png, 2.png, 3.png. for 5 phase shifts"):
         run(*names, "--steps=0,72,144,216,288")
-    with pytest.raises(PhaseError, match="for 2 steps and 3 periods; needed: 6"):
+    with pytest.raises(PhaseError, match="for 2 phase shifts and 3 periods; needed: 6"):
         run(*names, "--steps=0,90", "--periods=8,64,512")
     (tmp_path / "none").mkdir()
     with pytest.raises(PhaseError, match="neither session.toml nor pictures"):

@@ -136,7 +136,7 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     Raises
     ------
     PhaseError
-        Not as many pictures as steps and periods ask for, or pictures of different size or depth.
+        Not as many pictures as phase shifts and periods need, or pictures of different size or depth.
     SessionError
         A picture that cannot be read.
     """
@@ -145,11 +145,11 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     if len(paths) != n_steps * n_sets:
         names = ", ".join(path.name for path in paths[:12]) + (", ..." if len(paths) > 12 else "")
         raise PhaseError(
-            f"found {len(paths)} pictures ({names}) for {n_steps} steps"
+            f"found {len(paths)} pictures ({names}) for {n_steps} phase shifts"
             + (f" and {n_sets} periods" if n_sets > 1 else "")
-            + f"; needed: {n_steps * n_sets}, one frame per step"
+            + f"; needed: {n_steps * n_sets}, one frame per phase shift"
             + (" of each period" if n_sets > 1 else "")
-            + ". Name the pictures of the set only, in the order of its steps."
+            + ". Name the pictures of the set only, in the order of its phase shifts."
         )
     if len({(grey.shape, grey.dtype.str) for grey in pictures}) > 1:
         sizes = ", ".join(f"{p.name} {g.shape[::-1]} {g.dtype}" for p, g in zip(paths, pictures, strict=True))
