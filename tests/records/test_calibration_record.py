@@ -157,7 +157,7 @@ def test_covariance_is_judged_at_every_scale():
 def test_a_verification_record_goes_out_and_comes_back(tmp_path, document):
     profile = {
         "name": "A", "row_px": 10.0, "y_mm": 7.34, "n": 435, "mean_mm": 0.01, "sd_mm": 0.05,
-        "max_abs_mm": 0.2, "mean_percent": 0.035, "max_percent": 0.7, "u_mm": 0.02, "dof": 12.5, "en": 0.25,
+        "max_abs_mm": 0.2, "mean_percent": 0.035, "max_percent": 0.7, "u_mm": 0.02, "en": 0.25, "dof": 12.5,
     }  # fmt: skip
     shared = {key: document[key] for key in ("software", "session", "inputs", "created")}
     record = VerificationRecord.model_validate(

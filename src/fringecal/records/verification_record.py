@@ -30,8 +30,8 @@ class ProfileRecord(Part):
     mean_percent: float
     max_percent: float = Field(ge=0)
     u_mm: Uncertainty
-    dof: Dof = None
     en: float | None = None
+    dof: Dof = None
 
 
 class ModelRow(Part):
