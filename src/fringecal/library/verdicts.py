@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from fringecal.records import Check
+from fringecal.uncertainty import EN_DEFINITION
 from fringecal.workflows.audit import Audit, audit_checks, audit_sentence, changes_of
 from fringecal.workflows.shared import severest
 from fringecal.workflows.verify import ArtefactVerification, Verification, artefact_checks, verification_checks
@@ -23,7 +24,11 @@ class VerificationResult:
 
     @property
     def table(self) -> pd.DataFrame:
-        """Errors along profiles of angle bars, or the artefact's numbers beside the certificate's."""
+        """Errors along profiles of angle bars, or the artefact's numbers beside the certificate's.
+
+        u are standard uncertainties, dof those of the measurement's; En is `fringecal.uncertainty.en_score`, by U = k u
+        of 95 % coverage, k from the effective degrees of freedom.
+        """
         if isinstance(self.found, Verification):
             return self.found.errors.table()
         rows = [
@@ -33,6 +38,7 @@ class VerificationResult:
                 "certified": r.reference,
                 "error": r.error,
                 "u": r.u_measured,
+                "dof": r.dof,
                 "u(cert.)": r.u_reference,
                 "En": r.en,
                 "unit": r.unit,
@@ -69,7 +75,8 @@ class VerificationResult:
     def _repr_html_(self) -> str:
         table = self.table.to_html(float_format="{:.4g}".format)
         return (
-            f"<div><b>Verification on {self.found.target.name}</b>: {self.verdict}<p>{self.sentence}</p>{table}</div>"
+            f"<div><b>Verification on {self.found.target.name}</b>: {self.verdict}<p>{self.sentence}</p>{table}"
+            f"<p>{EN_DEFINITION}</p></div>"
         )
 
 
@@ -81,7 +88,7 @@ class AuditResult:
 
     @property
     def changes(self) -> pd.DataFrame:
-        """Every change with u, En, limit and detection limit, in its own unit."""
+        """Every change with u, En (`fringecal.uncertainty.en_score`), limit and detection limit, in its own unit."""
         rows = [
             {
                 "change": change.name,
