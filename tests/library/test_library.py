@@ -1,6 +1,7 @@
 """The library on arrays: the numbers of the command to the last digit, refusals that say what to do."""
 
 import json
+import re
 import runpy
 from pathlib import Path
 
@@ -181,6 +182,17 @@ def test_crossings_that_are_none_are_refused(changed, message):
     given = {"row": [0, 1, 2], "column": [0, 0, 0], "u_px": [1.0, 1.0, 1.0], "v_px": [1.0, 9.0, 17.0]} | changed
     with pytest.raises(DetectionError, match=message):
         grid_of_crossings(**given, shape=(100, 100))
+
+
+def test_the_lines_of_the_readme_run(frames, tmp_path, monkeypatch, capsys):
+    (lines,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    (tmp_path / "session").symlink_to(OBLIQUE, target_is_directory=True)
+    monkeypatch.chdir(tmp_path)
+    left = {"frames": frames["strips"]}
+    exec(compile(lines, "README.md", "exec"), left)
+    assert left["surface"].mask.mean() > 0.9
+    assert "projection angle" in capsys.readouterr().out
+    assert (tmp_path / "calibration" / "calibration.json").is_file()
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
