@@ -73,6 +73,7 @@ def test_other_suffixes_and_broken_files_are_refused(history, tmp_path):
     for name, what in (("t.xlsx", r"\.csv or \.parquet"), ("absent.csv", "cannot be read")):
         with pytest.raises(HistoryError, match=what):
             import_table(history, tmp_path / name) if name == "absent.csv" else export_table(history, tmp_path / name)
-    (tmp_path / "broken.parquet").write_bytes(b"PAR1 and then nothing")
-    with pytest.raises(HistoryError, match="not a table"):
-        import_table(history, tmp_path / "broken.parquet")
+    for content in (b"", b"PAR1 and then nothing", b"PAR1PAR1", b"PAR1" + b"\xff" * 4 + b"PAR1", b"PAR1 \0\0\0\0PAR1"):
+        (tmp_path / "broken.parquet").write_bytes(content)
+        with pytest.raises(HistoryError, match="not a table"):
+            import_table(history, tmp_path / "broken.parquet")

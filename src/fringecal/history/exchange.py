@@ -16,6 +16,7 @@ from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
 from fringecal.records import replacing, write_table
 
 NEEDED = ("rig", "captured", "quantity", "value")
+_PARQUET = b"PAR1"  # first and last four bytes of every Parquet file
 _OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)
 COLUMNS = (*_OF_ENTRY, *READING_COLUMNS)
 _NUMBERS = frozenset(
@@ -78,8 +79,10 @@ def import_table(history: History, path: str | Path) -> int:
 
 def _read(file: Path) -> pd.DataFrame:
     try:
-        content = io.BytesIO(file.read_bytes())
+        data = file.read_bytes()
+        content = io.BytesIO(data)
         if file.suffix == ".parquet":
+            _demand_parquet(data)
             return _parquet().ParquetFile(content).to_pandas()
         if file.suffix == ".csv":
             return pd.read_csv(content, dtype=str, keep_default_na=False, na_values=[""])
@@ -90,6 +93,23 @@ def _read(file: Path) -> pd.DataFrame:
     except Exception as error:  # the libraries' own errors have no common parent
         raise HistoryError(f"{file}: not a table ({' '.join(str(error).split())})") from error
     raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
+
+
+def _demand_parquet(data: bytes) -> None:
+    """Refuse what does not begin and end as Parquet does: its reader crashes the process on some such files.
+
+    A file is ``PAR1``, column chunks, footer, length of the footer (4 bytes, little-endian), ``PAR1`` (Apache Parquet
+    file format).
+
+    Raises
+    ------
+    ValueError
+        It is cut short, or something else.
+    """
+    least = 2 * len(_PARQUET) + 4
+    footer = int.from_bytes(data[-8:-4], "little") if len(data) >= least else 0
+    if data[:4] != _PARQUET or data[-4:] != _PARQUET or not 0 < footer <= len(data) - least:
+        raise ValueError("a Parquet file begins and ends with PAR1; this one does not, or is cut short")
 
 
 def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
