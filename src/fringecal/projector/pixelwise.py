@@ -111,7 +111,8 @@ def _solved(design: Array, right: Array) -> Array:
     side = np.einsum("k...i,k...->...i", scaled, right)
     usable = np.isfinite(normal).all(axis=(-2, -1)) & np.isfinite(side).all(axis=-1)
     normal[~usable] = np.eye(design.shape[-1])
-    usable &= np.linalg.cond(normal) < _WORST_CONDITION
+    size_along = np.abs(np.linalg.eigvalsh(normal))
+    usable &= size_along.max(axis=-1) < _WORST_CONDITION * size_along.min(axis=-1)
     normal[~usable] = np.eye(design.shape[-1])
     found = np.linalg.solve(normal, side[..., None])[..., 0] / np.where(size > 0, size, 1.0)
     return np.moveaxis(np.where(usable[..., None], found, np.nan), -1, 0)

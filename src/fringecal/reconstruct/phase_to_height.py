@@ -92,15 +92,15 @@ def _by_maps(
     """Compute the surface with any height model, one whole map after the other."""
     rays = calibration.camera.pixel_rays()
     absolute = phase.difference_rad + calibration.model.phase(rays.ax, rays.ay, 0.0)
-    height = height_model(calibration, model).height
-    z = height(absolute, rays)
+    # One call for all three: a law that is fitted at every pixel is fitted once.
+    steps = np.array([0.0, _SLOPE_STEP_RAD, -_SLOPE_STEP_RAD]).reshape(3, 1, 1)
+    z, above, below = height_model(calibration, model).height(absolute + steps, rays)
     reasons = phase.reasons.copy()
     if heights_mm is not None:
         reasons[((z < heights_mm[0]) | (z > heights_mm[1])) & (reasons == 0)] = int(Reason.OUT_OF_RANGE)
     reasons[(reasons == 0) & ~np.isfinite(z)] = int(Reason.NO_RAY)
     z = np.where(reasons == 0, z, np.nan)
-    step = _SLOPE_STEP_RAD
-    slope = (height(absolute + step, rays) - height(absolute - step, rays)) / (2 * step)
+    slope = (above - below) / (2 * _SLOPE_STEP_RAD)
     random = np.abs(slope) * np.hypot(phase.sigma_rad.astype(float), calibration.excess_rad)
     x, y = rays.at(z)
     random = np.where(reasons == 0, random, np.nan)
