@@ -62,7 +62,7 @@ def test_dots_are_named():
 @pytest.mark.parametrize(
     ("picture", "reason"),
     [
-        (np.zeros((300, 400), np.uint8), "one single brightness"),
+        (np.zeros((300, 400), np.uint8), "same brightness everywhere"),
         (np.zeros((300, 400, 3), np.uint8), "grey picture"),
         (np.zeros((10, 400), np.uint8), "too small"),
         (np.full((300, 400), np.nan), "NaN"),

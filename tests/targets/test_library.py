@@ -117,7 +117,7 @@ def test_a_folder_is_no_target(tmp_path):
         ("strips", {"format": True}, "format: .* found True"),
         ("strips", {"kind": "strip"}, 'did you mean "strips"'),
         ("strips", {"kind": ["strips"]}, "kind: .* is unknown"),
-        ("strips", {"certificate": None}, "certificate: is missing; say where the numbers come from"),
+        ("strips", {"certificate": None}, "certificate: is missing; state where the numbers come from"),
         ("strips", {"certificate": "  "}, "certificate: .*at least 1 character"),
         ("strips", {"name": 7}, "name: .*string"),
         ("strips", {"hieght_mm": 3}, 'hieght_mm: unknown key; did you mean "height_mm"'),

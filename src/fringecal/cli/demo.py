@@ -111,10 +111,10 @@ def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[n
 
     line, now = " ".join(command), datetime.now(UTC)
     with result_folder(out / "calibration", last=CALIBRATION_FILE) as staging:
-        write_cameramodel(staging / CAMERAMODEL_FILE, found.commissioning.calibration.camera)
+        write_cameramodel(staging / CAMERAMODEL_FILE, found.commissioning.calibrated.result.rig.camera)
         write_report(commission_report(found.commissioning, command=line, created=now), staging)
         write_calibration(calibration_record(found.commissioning, command=command), staging)
-    session = found.commissioning.session
+    session = found.commissioning.calibrated.session
     with result_folder(out / "verification", last=VERIFICATION_FILE) as staging:
         write_report(verification_report(found.verification, command=line, created=now), staging)
         record = verification_record(

@@ -48,13 +48,13 @@ def demonstration_report(
     analytic
         Objects drawn by formula and read back.
     """
-    angle = found.calibrated.origin.angle
+    angle = found.commissioning.calibrated.result.origin.angle
     return Report(
         title="The thesis's rig, measured",
         subtitle="A virtual rig with the thesis's scale, angle and camera: commissioned, verified on angle bars, used.",
         verdict=_verdict(found),
         facts=(
-            Fact("Mean scale", f"{found.calibrated.camera.scales['mean'].value:.5f} mm/px"),
+            Fact("Mean scale", f"{found.commissioning.calibrated.result.camera.scales['mean'].value:.5f} mm/px"),
             Fact("Projection angle", f"{angle.value:.3f} deg", "from the plate's normal, at the origin"),
             Fact("Thesis's height error", f"{THESIS['height_error']} %", "mean of the maximum errors"),
         ),

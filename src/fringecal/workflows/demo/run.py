@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from fringecal.calibration import Calibrated
 from fringecal.phase import FringePeriod, fringe_period
 from fringecal.session import Session
-from fringecal.workflows.commission import calibrate_session
+from fringecal.workflows.commission import Commissioning, commission
 from fringecal.workflows.reconstruct import Measurement, reconstruct
 from fringecal.workflows.shared import CapturePhase, phase_of_capture
 from fringecal.workflows.verify import Verification, verify
@@ -40,7 +39,7 @@ class DemoTruth:
 class Demonstration:
     """Everything that the demonstration measured on the virtual rig."""
 
-    calibrated: Calibrated
+    commissioning: Commissioning
     verification: Verification
     leaf: Measurement
     truth: DemoTruth
@@ -58,9 +57,10 @@ class RealCapture:
 
 def demonstrate(session: Session, truth: DemoTruth, *, progress: Progress = lambda _: None) -> Demonstration:
     """Commission the virtual rig, verify it on the bars and reconstruct the leaf."""
-    found = calibrate_session(session, progress=progress).result
-    verification = verify(session, "bars", found.rig, progress=progress)
-    leaf = reconstruct(session, "leaf", found.rig, progress=progress)
+    found = commission(session, progress=progress)
+    rig = found.calibrated.result.rig
+    verification = verify(session, "bars", rig, progress=progress)
+    leaf = reconstruct(session, "leaf", rig, progress=progress)
     return Demonstration(found, verification, leaf, truth)
 
 
@@ -78,7 +78,7 @@ def read_real(session: Session, *, progress: Progress = lambda _: None) -> tuple
 
 def result_table(found: Demonstration) -> pd.DataFrame:
     """Tabulate what was measured against what is true and what the thesis found."""
-    calibration, errors = found.calibrated, found.verification.errors
+    calibration, errors = found.commissioning.calibrated.result, found.verification.errors
     scales, truth = calibration.camera.scales, found.truth
     constant = found.verification.models["constant-angle"]
     mean, horizontal, vertical = (scales[name] for name in ("mean", "horizontal", "vertical"))
