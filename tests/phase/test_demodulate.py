@@ -219,11 +219,11 @@ def test_answer_does_not_depend_on_threads_or_memory_layout(fringes, rng):
 @pytest.mark.parametrize(
     ("frames", "message"),
     [
-        (np.zeros((2, 9, 9)), "one frame per step"),
-        (np.zeros((3, 9)), "one frame per step"),
+        (np.zeros((2, 9, 9)), "one frame per phase shift"),
+        (np.zeros((3, 9)), "one frame per phase shift"),
         (np.zeros((3, 0, 9)), "none empty"),
         (np.zeros((3, 9, 9), complex), "integers or real"),
-        (np.array([["a"] * 3] * 3), "one frame per step"),
+        (np.array([["a"] * 3] * 3), "one frame per phase shift"),
     ],
 )
 def test_wrong_shapes_and_types_are_refused(frames, message):
