@@ -58,7 +58,7 @@ def test_a_code_that_does_not_belong_is_refused(fringes, camera, rng):
     map_, frames, _ = taken(fringes, camera, rng)
     for wrong, message in (
         (frames[::-1], "numbers for each fringe|goes on"),
-        (np.zeros_like(frames), "goes on by one at 0 pixels"),
+        (np.zeros_like(frames), "increases by one at 0 pixels"),
         (frames[:, :50], "found Gray-code frames"),
     ):
         with pytest.raises(PhaseError, match=message):

@@ -116,7 +116,7 @@ def test_what_the_breaks_cannot_tell_apart_is_said():
     moved = displacement(found, ProjectorPosition(np.array([600.0, 0.0, 1000.0]), np.full(3, 1.0)))
     assert not moved.agrees
     sentence = moved.sentence()
-    assert "cannot tell" in sentence
+    assert "do not determine" in sentence
     assert "12 mm further left or 20 mm higher" in sentence  # 12 x 1000 / 600
 
 
