@@ -3,7 +3,7 @@
 ROOT := $(CURDIR)
 # mrcal's gnuplot is found only when the environment's bin stands first on PATH
 RUN = PATH="$(ROOT)/.venv/bin:$$PATH"
-PYTEST_FLAGS ?= -n 2 --dist loadgroup
+PYTEST_FLAGS ?= -n 2
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test lint format bench docs constraints clean
