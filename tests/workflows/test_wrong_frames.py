@@ -74,7 +74,7 @@ FAULTS = {
         DetectionError,
         r"'strips': only . % of the picture carries fringes.*projector's light must carry fringes",
     ),
-    "moved": (moved, FitError, r"-1\.1. rad.*plate, lamp or mirror moved between the two"),
+    "moved": (moved, FitError, r"-1\.1. rad.*plate, projector or mirror moved between the two"),
     "swapped": (
         lambda frames: {"strips-1.png": frames["strips-2.png"], "strips-2.png": frames["strips-1.png"]},
         DetectionError,
@@ -88,7 +88,7 @@ FAULTS = {
     "not-stepped": (
         lambda _: {"strips-1.png": anew("strips", seed=77)["strips-0.png"]},
         DetectionError,
-        "'strips', duplicate frames: frames 1 and 2 are of the same step",
+        "'strips', duplicate frames: frames 1 and 2 are of the same phase shift",
     ),
     "saturated": (
         lambda _: anew("reference", light={"mid_grey": 0.75}) | anew("strips", light={"mid_grey": 0.75}),
