@@ -255,6 +255,6 @@ def test_masked_pixels_are_shown_with_their_reasons(measured, oblique):
 
 def test_a_measurement_alone_is_no_verdict(measured):
     assert measured.verdict.decision == "info"
-    causes = tables_of(measured)["what-the-uncertainty-is-made-of.csv"]["share of the variance / %"]
+    causes = tables_of(measured)["uncertainty-budget-of-the-height.csv"]["share of the variance / %"]
     assert causes.sum() == pytest.approx(100)
     assert causes.is_monotonic_decreasing

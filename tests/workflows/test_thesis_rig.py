@@ -86,7 +86,7 @@ def test_the_fringe_order_beyond_pi_is_decided(thesis, thesis_7):
 
 def _median_step(judged):
     """Phase step of the strips as it went into the fit, order decided."""
-    seen = judged.found.observations
+    seen = judged.found.result.observations
     u, v = seen.u_px[1].astype(int), seen.v_px[1].astype(int)
     return float(np.nanmedian(seen.phase_rad[1] - judged.found.result.plate.unwrapped_rad[v, u]))
 

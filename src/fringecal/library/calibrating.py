@@ -100,7 +100,7 @@ def calibrate(  # noqa: PLR0913 -- keyword arguments: everything that can be kno
     >>> fringecal.calibrate(grid=[[0]])
     Traceback (most recent call last):
         ...
-    fringecal.errors.SessionError: no frames of the bare plate, the strips are given; pass plate and strips
+    fringecal.errors.SessionError: no frames of the bare plate, no frames of strips; pass plate and strips, or a session
     """
     if session is None:
         missing = [name for name, given in (("grid", grid), ("plate", plate), ("strips", strips)) if given is None]

@@ -68,7 +68,7 @@ def measure(
     >>> session = fringecal.load_session("tests/records/archive/0.1.0/session")
     >>> surface = fringecal.measure(calibration, session.named("bars").read(), height_range_mm=(-5, 35))
     >>> surface.z.shape, bool(surface.mask.mean() > 0.9)
-    ((150, 200), True)
+    ((200, 280), True)
     """
     capture = _capture(calibration, "object", "object", frames, None, phase_shifts_deg, periods, white_level)
     session = session_of_captures([capture], rig=calibration.record.session.rig)

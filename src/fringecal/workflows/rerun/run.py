@@ -297,7 +297,7 @@ def differences(then: Any, now: Any, place: str = "", u: float | None = None) ->
     Examples
     --------
     >>> list(differences({"scale": {"value": 1.0, "u": 0.1}}, {"scale": {"value": 1.05, "u": 0.1}}))
-    [Difference(place='scale.value', then=1.0, now=1.05, part_of_u=0.5000000000000004)]
+    [Difference(place='scale.value', then=1.0, now=1.05, part_of_u=0.5000000000000004, defined=False)]
     """
     if isinstance(then, Mapping) and isinstance(now, Mapping):
         for name in dict.fromkeys((*then, *now)):
