@@ -126,4 +126,4 @@ class AuditResult:
     def _repr_html_(self) -> str:
         table = self.changes.to_html(float_format="{:.3g}".format)
         head = f"<b>Audit of {self.found.session.rig}</b>: {self.verdict}"
-        return f"<div>{head}<p>{audit_sentence(self.found)}</p>{table}</div>"
+        return f"<div>{head}<p>{audit_sentence(self.found)}</p>{table}<p>{EN_DEFINITION}</p></div>"
