@@ -67,7 +67,7 @@ def example(decision="pass", **changes):
     options = {
         "title": "Commissioning <bench-1>",
         "verdict": Verdict(decision, "All checks hold."),
-        "facts": (Fact("Mean scale", "0.734 mm/px", "k = 2"),),
+        "facts": (Fact("Mean scale", "0.734 mm/px", "k = 1.96"),),
         "sections": sections,
         "inputs": (InputFile("grid", "grid.png", "ab" * 32),),
         "versions": {"fringecal": "0.1.0"},

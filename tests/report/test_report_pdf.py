@@ -27,7 +27,7 @@ def report(*sections, **changes):
     options = {
         "title": "Commissioning of bench-1",
         "verdict": Verdict("pass", "All checks hold."),
-        "facts": (Fact("Mean scale", "0.734 mm/px", "k = 2"),),
+        "facts": (Fact("Mean scale", "0.734 mm/px", "k = 1.96"),),
         "sections": sections,
         "inputs": (InputFile("grid", "grid.png", "0123456789abcdef" * 4),),
         "versions": {"fringecal": "0.1.0"},
@@ -61,7 +61,7 @@ def test_all_that_the_report_says_stands_on_sheets_of_a4():
     document = opened(report(Section("Scale", ("Lines are straight.",), (Table("Mean error", frame, "in mm"),))))
     text = words(document)
     assert document[0].get_size() == pytest.approx(A4_PT, abs=0.1)
-    stands = ("Pass", "All checks hold.", "Mean scale", "0.734 mm/px", "k = 2", "Scale", "Lines are straight.")
+    stands = ("Pass", "All checks hold.", "Mean scale", "0.734 mm/px", "k = 1.96", "Scale", "Lines are straight.")
     places = [text.index(part) for part in ("Commissioning of bench-1", *stands)]
     assert places == sorted(places)
     assert "A −0.3333 435 yes B – 7 no" in text

@@ -32,7 +32,7 @@ def full_report():
     return Report(
         "Commissioning of bench-1",
         Verdict("fail", "One check failed."),
-        (Fact("Mean scale", "0.7340(2) mm/px", "k = 2"),),
+        (Fact("Mean scale", "0.7340(2) mm/px", "k = 1.96"),),
         sections,
         (InputFile("grid", "grid.png", "ab" * 32),),
         {"fringecal": "0.1.0"},
