@@ -1,0 +1,60 @@
+"""How tests are shared out among workers: those of a file go to one, files that use one rig too, the longest first.
+
+What a fixture of wide scope makes, each worker makes for itself, and a rig takes longer to commission than most that is
+done with it.
+"""
+
+import pytest
+
+#: Files that go to one worker, since they share what takes long to make. The longest come first, so that no worker is
+#: left alone with one of them at the end.
+TOGETHER = {
+    "the command on the oblique rig": (
+        "cli/test_results.py",
+        "cli/test_audit_command.py",
+        "cli/test_browser.py",
+        "cli/test_browser_maps.py",
+        "cli/test_certificate_command.py",
+        "cli/test_interruption.py",
+        "cli/test_serve.py",
+        "cli/test_serve_sessions.py",
+        "cli/test_wrong_input.py",
+    ),
+    "the thesis's rig": ("workflows/test_thesis_rig.py", "workflows/test_artefacts.py"),
+    "the oblique rig": (
+        "workflows/test_angle.py",
+        "workflows/test_camera_height.py",
+        "workflows/test_oblique_rig.py",
+        "workflows/test_reports.py",
+    ),
+    "pages": ("cli/test_pages.py",),
+    "library": ("library/test_library.py",),
+    "workers": ("workflows/test_study.py",),
+    "audits": ("workflows/test_audit.py",),
+    "records": ("workflows/test_rerun.py",),
+}
+GROUPS = {f"tests/{file}": group for group, files in TOGETHER.items() for file in files}
+RANKS = {group: rank for rank, group in enumerate(TOGETHER)}
+
+
+def group_of(nodeid: str) -> str:
+    file = nodeid.partition("::")[0]
+    return GROUPS.get(file, file)
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: RANKS.get(group_of(item.nodeid), len(RANKS)))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
+    """Groups by the files' names: the groups that tests may be marked with do not work with pytest 9.2."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByGroup(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            return group_of(nodeid)
+
+    config.option.loadscopereorder = False  # the order is that of the collection
+    return ByGroup(config, log)
