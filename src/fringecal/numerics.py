@@ -1,6 +1,10 @@
-"""Small computations that many rooms need: wrapped phase, robust standard deviations, polynomial terms."""
+"""Small computations that many rooms need: wrapped phase, robust standard deviations, polynomial terms, threads."""
 
 import math
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +22,8 @@ UNIFORM_SD = 1 / math.sqrt(12)
 
 TURN = 2 * math.pi
 """One fringe, rad."""
+
+_LEAST_ROWS = 64  # of a picture: those of a small one take less time than starting a thread
 
 DRAW_SEED = 2008
 """Seed of draws of pixels for a fit, where none is given: any number serves, and a fixed one repeats the result."""
@@ -134,6 +140,47 @@ def products_up_to(along: ArrayLike, across: ArrayLike) -> NDArray[np.float64]:
     first, second = np.asarray(along), np.asarray(across)
     pairs = powers_up_to(first.shape[-1] - 1)
     return np.stack([first[..., i] * second[..., j] for i, j in pairs], axis=-1)
+
+
+def over_bands(kernel: Callable[..., None], rows: int, *arguments: Any, least: int = _LEAST_ROWS) -> None:
+    """Call `kernel(first, last, *arguments)` for equal bands of rows, one band in each of numba's threads.
+
+    The kernel is compiled with `nogil=True` and writes what belongs to rows `first` to `last - 1`, by no other row's
+    result: so the number of threads changes nothing. It does what numba's parallel loops do (`prange`), which take two
+    to three times as long to compile, and everybody waits for that when the program runs first.
+
+    Parameters
+    ----------
+    kernel
+        A compiled function.
+    rows
+        How many there are: rows of a picture, or whatever the kernel counts.
+    arguments
+        Handed on to every call.
+    least
+        Rows that are worth a thread: starting one takes 0.1 ms.
+
+    Examples
+    --------
+    >>> squares = np.zeros(5)
+    >>> def square(first, last, out):
+    ...     out[first:last] = np.arange(first, last) ** 2
+    >>> over_bands(square, 5, squares, least=1)
+    >>> squares.tolist()
+    [0.0, 1.0, 4.0, 9.0, 16.0]
+    """
+    import numba
+
+    number = max(1, min(numba.get_num_threads(), rows // least))
+    ends = [rows * band // number for band in range(number + 1)]
+    if number == 1:
+        kernel(0, rows, *arguments)
+        return
+    with ThreadPoolExecutor(number - 1) as pool:
+        others = [pool.submit(kernel, first, last, *arguments) for first, last in pairwise(ends[1:])]
+        kernel(0, ends[1], *arguments)
+        for other in others:
+            other.result()
 
 
 def by_powers(coefficients: ArrayLike, degree: int) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Compiled loops over pixels: the plate residual and the height where a ray meets its phase."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 
 @njit(inline="always")
@@ -37,26 +37,19 @@ def _residual(x, y, grid, box):  # type: ignore[no-untyped-def]
     return total
 
 
-@njit(cache=True)
-def residual_at_few(x, y, grid, box, out):  # type: ignore[no-untyped-def]
-    """Write the plate residual at flat arrays of plate points, in one thread."""
-    for k in range(x.size):
+@njit(nogil=True, cache=True)
+def residual_at(first, last, x, y, grid, box, out):  # type: ignore[no-untyped-def]
+    """Write the plate residual at some of flat arrays of plate points."""
+    for k in range(first, last):
         out[k] = _residual(x[k], y[k], grid, box)
 
 
-@njit(cache=True, parallel=True)
-def residual_at(x, y, grid, box, out):  # type: ignore[no-untyped-def]
-    """Write the plate residual at flat arrays of plate points."""
-    for k in prange(x.size):
-        out[k] = _residual(x[k], y[k], grid, box)
-
-
-@njit(cache=True, parallel=True)
-def height_at(phase, ax, ay, bx, by, rig, projector, grid, box, rounds, out):  # type: ignore[no-untyped-def]
-    """Write the height where each ray meets its phase; the residual is lifted along the projector's rays."""
+@njit(nogil=True, cache=True)
+def height_at(first, last, phase, ax, ay, bx, by, rig, projector, grid, box, rounds, out):  # type: ignore[no-untyped-def]
+    """Write the height where some rays meet their phase; the residual is lifted along the projector's rays."""
     nx, ny, nz, n0, dx, dy, dz = rig
     lifted = np.isfinite(projector[2])
-    for k in prange(phase.size):
+    for k in range(first, last):
         below = dx * ax[k] + dy * ay[k] + 1
         above = nx * ax[k] + ny * ay[k] + n0
         n_slope = nx * bx[k] + ny * by[k] + nz

@@ -12,7 +12,7 @@ from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera import Rays
-from fringecal.numerics import by_powers, products_up_to
+from fringecal.numerics import by_powers, over_bands, products_up_to
 from fringecal.projector import rig_kernels as kernels
 
 Array = NDArray[np.float64]
@@ -22,7 +22,7 @@ RIG_NAMES = ("nx", "ny", "nz", "n0", "dx", "dy", "dz")
 RESIDUAL_DEGREE = 5
 """Total degree of the plate's smooth residual: that of Brown's k2 in a projector's lens. A lower one leaves its bend in
 the phase, a higher one follows dirt and texture of the plate."""
-_FEW_POINTS = 20_000  # below this, waking the threads costs more than the sum
+_FEW_POINTS = 10_000  # for one thread: fewer take less time than starting another
 _LIFT_ROUNDS = 3  # the residual is smooth: each round gains two to three digits
 _RIDGE = 1e-9  # of the number of points, which is the size of a term's own sum: takes off no more than the ninth digit
 _STEP_MM = 0.05  # of central differences: they neglect its square, 2e-9 rad/mm for light from 1 m away
@@ -48,8 +48,8 @@ class PlateResidual:
         if not np.any(self.coefficients):
             return out
         flat = (np.ascontiguousarray(c).ravel() for c in (x, y))
-        evaluate = kernels.residual_at_few if x.size < _FEW_POINTS else kernels.residual_at
-        evaluate(*flat, self.grid, np.array(self.box), out.reshape(-1))
+        rest = self.grid, np.array(self.box), out.reshape(-1)
+        over_bands(kernels.residual_at, x.size, *flat, *rest, least=_FEW_POINTS)
         return out
 
     @property
@@ -127,7 +127,9 @@ class RigModel:
         maps = np.broadcast_arrays(np.asarray(phase_rad, float), rays.ax, rays.ay, rays.bx, rays.by)
         out = np.empty(maps[0].shape)
         rounds = _LIFT_ROUNDS if np.any(self.residual.coefficients) else 0
-        kernels.height_at(
+        over_bands(
+            kernels.height_at,
+            out.size,
             *(np.ascontiguousarray(m).ravel() for m in maps),
             self.parameters,
             self.projector_mm,
@@ -135,6 +137,7 @@ class RigModel:
             np.array(self.residual.box),
             rounds,
             out.reshape(-1),
+            least=_FEW_POINTS,
         )
         return out
 

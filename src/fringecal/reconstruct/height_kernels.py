@@ -1,15 +1,14 @@
 """Compiled passes from phase to x, y, z and u(z), one picture row at a time.
 
 Each row works in buffers of its own that fit the cache, and every loop over columns is plain arithmetic without a
-branch, so that it runs several pixels at once. A row is a function of its own and the parallel loop does nothing but
-call it: its buffers and their views must not become part of the parallel loop's own analysis. The equations are those
-of `fringecal.projector.rig_model`.
+branch, so that it runs several pixels at once. `fringecal.numerics.over_bands` spreads the rows over threads. The
+equations are those of `fringecal.projector.rig_model`.
 """
 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 
 from fringecal.numerics import TURN
 from fringecal.projector import foot_of_ray
@@ -129,10 +128,10 @@ def _step_row(i, phase, reasons, rig, out):  # type: ignore[no-untyped-def]
         _step_strip(i, first, phase[first:last], reasons[first:last], rig, buffers, out[first:last])
 
 
-@njit(parallel=True, cache=True)
-def steps_over_plate(phase, reasons, rig, out):  # type: ignore[no-untyped-def]
-    """Write phase minus the plate's in [-pi, pi]; NaN where the phase has a reason not to be used."""
-    for i in prange(phase.shape[0]):
+@njit(nogil=True, cache=True)
+def steps_over_plate(first, last, phase, reasons, rig, out):  # type: ignore[no-untyped-def]
+    """Write phase minus the plate's in [-pi, pi] in some rows; NaN where the phase has a reason not to be used."""
+    for i in range(first, last):
         _step_row(i, phase[i], reasons[i], rig, out[i])
 
 
@@ -238,8 +237,8 @@ def _surface_row(i, step, sigma, rig, uncertainty, maps):  # type: ignore[no-unt
         _surface_strip(i, first, step[first:last], sigma[first:last], rig, uncertainty, buffers, part)
 
 
-@njit(parallel=True, cache=True)
-def surface_rows(step, sigma, rig, uncertainty, maps):  # type: ignore[no-untyped-def]
-    """Write the surface of absolute phase differences to the plate, row by row."""
-    for i in prange(step.shape[0]):
+@njit(nogil=True, cache=True)
+def surface_rows(first, last, step, sigma, rig, uncertainty, maps):  # type: ignore[no-untyped-def]
+    """Write the surface of absolute phase differences to the plate, row by row from `first` on."""
+    for i in range(first, last):
         _surface_row(i, step[i], sigma[i], rig, uncertainty, maps)

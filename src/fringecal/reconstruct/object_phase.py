@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.numerics import wrap
+from fringecal.numerics import over_bands, wrap
 from fringecal.phase import PhaseMap, Unwrapped, pieces_in_cycles, unwrap_regions
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct.cycles import step_in_cycle
@@ -133,7 +133,7 @@ def _wrapped_step(phase_map: PhaseMap, calibration: RigCalibration) -> NDArray[n
         step = wrap(phase_map.phase - calibration.model.phase(rays.ax, rays.ay, 0.0))
         return np.where(phase_map.valid, step, np.nan).astype(np.float32)
     wrapped = np.empty(phase_map.phase.shape, np.float32)
-    steps_over_plate(phase_map.phase, phase_map.reasons, rows, wrapped)
+    over_bands(steps_over_plate, len(wrapped), phase_map.phase, phase_map.reasons, rows, wrapped)
     return wrapped
 
 

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from fringecal.numerics import over_bands
 from fringecal.phase import PhaseMap
 from fringecal.projector import RigCalibration, height_model
 from fringecal.reconstruct.height_kernels import Maps, surface_rows
@@ -82,7 +83,7 @@ def height_of_phase(
     x, y, z, u_z, u_random = (allocate(shape, dtype) for _ in range(5))
     maps = Maps(x, y, z, u_z, u_random, phase.reasons.copy())
     uncertainty = uncertainty_rows(systematic, calibration.excess_rad, height_range_mm)
-    surface_rows(phase.difference_rad, phase.sigma_rad, rows, uncertainty, maps)
+    over_bands(surface_rows, shape[0], phase.difference_rad, phase.sigma_rad, rows, uncertainty, maps)
     return HeightMap(x, y, z, u_z, u_random, systematic, maps.reasons)
 
 

@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
 from fringecal.phase import LEAST_PLATE_PIXELS, NEAR_PLATE_RAD
 
 Array = NDArray[np.float64]
@@ -125,7 +125,7 @@ def decide_pieces(
     for piece, order in orders.items():
         turns[piece] = np.nan if order is None else turn * order
     result = np.empty(difference_rad.shape)
-    _add_turns(difference_rad, pieces, turns, result)
+    over_bands(_add_turns, len(result), difference_rad, pieces, turns, result)
     return PieceOrders(result, orders)
 
 
@@ -141,7 +141,7 @@ def _plate_votes(
     large[0] = False
     rows = np.where(large, np.cumsum(large), 0)
     votes = np.zeros((_STRIPS, int(large.sum()) + 1, 2 * _MOST_LEVELS + 1), np.int32)
-    _count_levels(np.asarray(step, float), pieces, rows, turn, votes)
+    over_bands(_count_levels, _STRIPS, np.asarray(step, float), pieces, rows, turn, votes, least=1)
     total = votes.sum(axis=0)
     total[0] = 0
     return (total.argmax(axis=1) - _MOST_LEVELS)[rows], total.max(axis=1)[rows], sizes
@@ -155,14 +155,14 @@ def _sizes(pieces, number):  # type: ignore[no-untyped-def]
     return sizes
 
 
-@njit(parallel=True, cache=True)
-def _count_levels(step, pieces, rows, turn, votes):  # type: ignore[no-untyped-def]
-    """Count flat pixels within reach of each multiple of a turn, by piece.
+@njit(nogil=True, cache=True)
+def _count_levels(first_strip, last_strip, step, pieces, rows, turn, votes):  # type: ignore[no-untyped-def]
+    """Count flat pixels of some strips within reach of each multiple of a turn, by piece.
 
     Flat are those whose neighbours on both sides have nearly the same step: plate, not a flank passing through.
     """
     height, width = step.shape
-    for s in prange(votes.shape[0]):
+    for s in range(first_strip, last_strip):
         first = max(_FLAT_OVER_PX, height * s // votes.shape[0])
         last = min(height - _FLAT_OVER_PX, height * (s + 1) // votes.shape[0])
         for v in range(first, last):
@@ -177,9 +177,9 @@ def _count_levels(step, pieces, rows, turn, votes):  # type: ignore[no-untyped-d
                     votes[s, rows[pieces[v, u]], int(level) + _MOST_LEVELS] += 1
 
 
-@njit(parallel=True, cache=True)
-def _add_turns(step, pieces, turns, out):  # type: ignore[no-untyped-def]
-    for v in prange(step.shape[0]):
+@njit(nogil=True, cache=True)
+def _add_turns(first, last, step, pieces, turns, out):  # type: ignore[no-untyped-def]
+    for v in range(first, last):
         for u in range(step.shape[1]):
             out[v, u] = step[v, u] + turns[pieces[v, u]]
 

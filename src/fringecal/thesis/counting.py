@@ -9,11 +9,11 @@ on both sides of a jump: from IV to I the number rises, from I to IV it falls.
 from typing import Literal
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
 
 _QUARTERS = 2 / np.pi  # regions per rad
 
@@ -67,15 +67,16 @@ def count_fields(
             raise PhaseError(f"valid has shape {mask.shape}, the phase map {wrapped.shape}: give one value per pixel")
         usable &= mask
     lines = np.mod(np.where(usable, wrapped, np.nan), TURN)
-    counted = _count(np.ascontiguousarray(np.moveaxis(lines, axis, -1)), rule == "regions")
+    lines = np.ascontiguousarray(np.moveaxis(lines, axis, -1))
+    counted = np.full(lines.shape, np.nan)
+    over_bands(_count, len(lines), lines, rule == "regions", counted)
     return np.ascontiguousarray(np.moveaxis(counted, -1, axis))
 
 
-@njit(parallel=True, cache=True)
-def _count(lines, by_regions):  # type: ignore[no-untyped-def]
-    """Count along the last axis of phases in [0, 2 pi)."""
-    counted = np.full(lines.shape, np.nan)
-    for i in prange(lines.shape[0]):
+@njit(nogil=True, cache=True)
+def _count(first_line, last_line, lines, by_regions, counted):  # type: ignore[no-untyped-def]
+    """Count along some lines of phases in [0, 2 pi)."""
+    for i in range(first_line, last_line):
         field, last, began = 0, 0.0, False
         for j in range(lines.shape[1]):
             here = lines[i, j]
@@ -87,7 +88,6 @@ def _count(lines, by_regions):  # type: ignore[no-untyped-def]
                 field += _step(last, here, by_regions)
             began, last = True, here
             counted[i, j] = here + TURN * field
-    return counted
 
 
 @njit(inline="always")

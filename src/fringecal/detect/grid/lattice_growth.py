@@ -88,8 +88,11 @@ def _grow_kernel(points, known, known_bases, hashed, reach):  # type: ignore[no-
     used = np.zeros(count, np.bool_)
     queue = np.empty((count, 3), np.int64)
     bases = np.empty((count, 2, 2))
-    queue[:tail], bases[:tail] = known, known_bases
-    for k in range(tail):
+    for k in range(tail):  # number by number: copies of whole arrays take three seconds to compile
+        for n in range(3):
+            queue[k, n] = known[k, n]
+        for n in range(4):
+            bases[k, n // 2, n % 2] = known_bases[k, n // 2, n % 2]
         site[known[k, 1] + reach, known[k, 2] + reach] = known[k, 0]
         used[known[k, 0]] = True
     head = 0
@@ -108,7 +111,8 @@ def _grow_kernel(points, known, known_bases, hashed, reach):  # type: ignore[no-
                 found = _nearest(points, hashed, x, y, MATCH_RADIUS * size)
                 if found < 0 or used[found] or not _fits(points, site, ni, nj, found, local, reach):
                     continue
-                bases[tail] = local
+                for n in range(4):
+                    bases[tail, n // 2, n % 2] = local[n // 2, n % 2]
                 bases[tail, axis, 0] += NEW_STEP_PART * (way * (points[found, 0] - points[p, 0]) - local[axis, 0])
                 bases[tail, axis, 1] += NEW_STEP_PART * (way * (points[found, 1] - points[p, 1]) - local[axis, 1])
                 site[ni + reach, nj + reach] = found

@@ -6,10 +6,11 @@ from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit, prange
+from numba import njit
 
 from fringecal.detect.grid.line_profile import TABLE_STEP_PX, LineProfile
 from fringecal.detect.grid.nodes import Edges
+from fringecal.numerics import over_bands
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -155,7 +156,10 @@ def measure_points(
     """
     far = float(patches.half_width.max(initial=1.0)) + 2.0
     tables = np.ascontiguousarray([profile.table(far).T for profile in profiles])
-    measured = _measure(
+    measured = np.zeros((len(patches.centre), 6))
+    over_bands(
+        _measure,
+        len(measured),
         image,
         patches.centre,
         patches.direction,
@@ -163,6 +167,7 @@ def measure_points(
         patches.half_width,
         patches.kind,
         (tables, np.array([profile.reach_px for profile in profiles]), tolerance_px),
+        measured,
     )
     offset, sigma, contrast, sigma_contrast, inside, variance = measured.T
     # The residual variance of one patch rests on few pixels; half of it is taken from all patches.
@@ -279,13 +284,12 @@ def _solve(normal, right, inverse, solution, size):  # type: ignore[no-untyped-d
     return explained
 
 
-@njit(cache=True, parallel=True)
-def _measure(image, centre, direction, half_length, half_width, kind, template):  # type: ignore[no-untyped-def] # pragma: no cover
-    """Rows (offset, its u, contrast, its u, 1 if inside the picture, residual variance) of every patch."""
+@njit(nogil=True, cache=True)
+def _measure(first, last, image, centre, direction, half_length, half_width, kind, template, out):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Write rows (offset, its u, contrast, its u, 1 if inside the picture, residual variance) of some patches."""
     tables, reaches, tolerance = template
     height, width = image.shape
-    out = np.zeros((len(centre), 6))
-    for p in prange(len(centre)):
+    for p in range(first, last):
         dx, dy = direction[p, 0], direction[p, 1]
         table, reach = tables[kind[p]], reaches[kind[p]]
         step_limit = STEP_PART * reach + STEP_PX
@@ -325,4 +329,3 @@ def _measure(image, centre, direction, half_length, half_width, kind, template):
             offset += min(max(shift, -step_limit), step_limit)
             if abs(offset) > half[1]:
                 break
-    return out

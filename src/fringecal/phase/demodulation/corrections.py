@@ -3,9 +3,10 @@
 from dataclasses import replace
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from fringecal.numerics import over_bands
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
@@ -63,15 +64,16 @@ def correct_phase_shifts(map_: PhaseMap, scheme: Scheme, gradient_rad_px: ArrayL
     gradient = np.asarray(gradient_rad_px, np.float64)
     rows = np.column_stack([np.asarray(scheme.phase_shifts_rad), gradient, scheme.weights[1:].T])
     gains: NDArray = np.asarray(scheme.gains or np.ones(len(rows)))
-    return replace(map_, phase=_moved(map_.phase, rows, gains))
+    moved = np.empty_like(map_.phase)
+    over_bands(_move, len(moved), map_.phase, rows, gains, moved)
+    return replace(map_, phase=moved)
 
 
-@njit(parallel=True, cache=True)
-def _moved(phase, rows, gains):  # type: ignore[no-untyped-def]
-    """Return the corrected phase; `rows` (N, 5) holds phase shift, slope along u, along v, and both weights."""
+@njit(nogil=True, cache=True)
+def _move(first, last, phase, rows, gains, result):  # type: ignore[no-untyped-def]
+    """Correct some rows; `rows` (N, 5) holds phase shift, slope along u, along v, and both weights."""
     height, width = phase.shape
-    result = np.empty_like(phase)
-    for i in prange(height):
+    for i in range(first, last):
         for j in range(width):
             found = np.float64(phase[i, j])
             true = found
@@ -86,4 +88,3 @@ def _moved(phase, rows, gains):  # type: ignore[no-untyped-def]
                 true -= error - 2 * np.pi * np.rint(error / (2 * np.pi))
             wrapped = np.float32(true - 2 * np.pi * np.ceil(true / (2 * np.pi) - 0.5))
             result[i, j] = np.float32(np.pi) if wrapped <= -np.float32(np.pi) else wrapped
-    return result

@@ -8,13 +8,17 @@ first-level cache, so that memory is read once and written once.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+from numpy.typing import NDArray
+
+from fringecal.numerics import over_bands
 
 SATURATED, DARK, LOW_MODULATION, OUTSIDE, MISFIT = 1, 2, 4, 8, 16
 
 BLOCK = 1024
 """Pixels taken at a time: seven float32 buffers of this length fit a 32 KiB first-level cache."""
 
+_LEAST_BLOCKS = 16  # that are worth a thread of their own
 _THREE = 3  # frames whose sums stay in registers
 _FLOAT_SIZE = 4  # bytes; integers have fewer, and are always finite
 # The float32 next below pi: half a turn rounds to it, never to a number outside (-pi, pi].
@@ -167,8 +171,14 @@ def _plain_many(frames, start, weights, limits, phase, modulation, reasons):  # 
         phase[i], modulation[i], reasons[i] = _plain_pixel(a[i], c[i], s[i], peak[i], limits)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
+def demodulate_plain(
+    frames: NDArray,
+    weights: NDArray[np.float32],
+    limits: Limits,
+    phase: NDArray[np.float32],
+    modulation: NDArray[np.float32],
+    reasons: NDArray[np.uint8],
+) -> None:
     """Demodulate without uncertainties: the least that a fast camera loop needs.
 
     Parameters
@@ -182,9 +192,25 @@ def demodulate_plain(frames, weights, limits, phase, modulation, reasons):  # ty
     phase, modulation, reasons
         Outputs, (M,): float32 rad (NaN where masked), float32 grey levels, uint8 flags.
     """
+    size = 4 * BLOCK if len(frames) == _THREE else BLOCK
+    maps = phase, modulation, reasons
+    over_bands(
+        _plain_blocks, -(-len(phase) // size), size, _readonly(frames), weights, limits, *maps, least=_LEAST_BLOCKS
+    )
+
+
+def _readonly(frames: NDArray) -> NDArray:
+    """Return a view that cannot be written: decoded pictures are such arrays, and two kinds would be compiled twice."""
+    view = frames.view()
+    view.flags.writeable = False
+    return view
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _plain_blocks(first, last, size, frames, weights, limits, phase, modulation, reasons):  # type: ignore[no-untyped-def]
+    """Demodulate some blocks of so many pixels."""
     pixels, three = phase.shape[0], frames.shape[0] == _THREE
-    size = 4 * BLOCK if three else BLOCK
-    for block in prange((pixels + size - 1) // size):
+    for block in range(first, last):
         start, end = block * size, min((block + 1) * size, pixels)
         out_p, out_m, out_r = phase[start:end], modulation[start:end], reasons[start:end]
         if three:
@@ -270,8 +296,18 @@ def _full_many(frames, start, weights, model, noise, limits, maps):  # type: ign
         )
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def demodulate_full(frames, weights, model, noise, limits, phase, modulation, background, sigma, reasons):  # type: ignore[no-untyped-def]
+def demodulate_full(  # noqa: PLR0913, PLR0917 -- what the kernel takes
+    frames: NDArray,
+    weights: NDArray[np.float32],
+    model: NDArray[np.float32],
+    noise: NDArray[np.float32],
+    limits: Limits,
+    phase: NDArray[np.float32],
+    modulation: NDArray[np.float32],
+    background: NDArray[np.float32],
+    sigma: NDArray[np.float32],
+    reasons: NDArray[np.uint8],
+) -> None:
     """Demodulate with background, u(phi) and the test of the residuals.
 
     Parameters
@@ -291,14 +327,23 @@ def demodulate_full(frames, weights, model, noise, limits, phase, modulation, ba
     phase, modulation, background, sigma, reasons
         Outputs, (M,); phase and sigma are NaN where masked.
     """
+    size = 4 * BLOCK if len(frames) == len(weights) == _THREE else BLOCK
+    blocks, maps = -(-len(phase) // size), (phase, modulation, background, sigma, reasons)
+    tables = weights, model, noise, limits
+    over_bands(_full_blocks, blocks, size, _readonly(frames), *tables, maps, least=_LEAST_BLOCKS)
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _full_blocks(first, last, size, frames, weights, model, noise, limits, maps):  # type: ignore[no-untyped-def]
+    """Demodulate some blocks of so many pixels, with all that there is to know."""
+    phase, modulation, background, sigma, reasons = maps
     pixels, three = phase.shape[0], (frames.shape[0] == _THREE) & (weights.shape[0] == _THREE)
-    size = 4 * BLOCK if three else BLOCK
-    for block in prange((pixels + size - 1) // size):
+    for block in range(first, last):
         start, end = block * size, min((block + 1) * size, pixels)
-        maps = phase[start:end], modulation[start:end], background[start:end], sigma[start:end], reasons[start:end]
+        part = phase[start:end], modulation[start:end], background[start:end], sigma[start:end], reasons[start:end]
         if three:
-            _full_three(frames, start, weights, noise, limits, maps)
+            _full_three(frames, start, weights, noise, limits, part)
         else:
-            _full_many(frames, start, weights, model, noise, limits, maps)
+            _full_many(frames, start, weights, model, noise, limits, part)
         if frames.itemsize == _FLOAT_SIZE:
-            _put_outside(maps[1], (maps[0], maps[3]), maps[4])
+            _put_outside(part[1], (part[0], part[3]), part[4])

@@ -1,9 +1,12 @@
 """The loops of `orders`: chi-squared of every order at every pixel, and over neighbours where that is not enough."""
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
+from numpy.typing import NDArray
 
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
+
+Single = NDArray[np.float32]
 
 # Chi-squared: sum of squared deviations in standard uncertainties, one for each longer period.
 _FAR_BETTER = 4.0  # times the best order's chi-squared over the window that the second must have: errors twice as large
@@ -39,13 +42,27 @@ def _best_two(chi_squareds):  # type: ignore[no-untyped-def]
     return place, least, second
 
 
-@njit(parallel=True, cache=True)
-def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignore[no-untyped-def]
+def orders(  # noqa: PLR0913, PLR0917 -- what the kernel takes
+    phi: Single,
+    long: Single,
+    u_long: Single,
+    ratios: NDArray[np.float64],
+    zeros: NDArray[np.float64],
+    cycle: int,
+    clear: float,
+    most: float,
+) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Return the order of every pixel, -1 where open, and where the neighbours were asked."""
-    height, width = phi.shape
-    found = np.full((height, width), -1, np.int16)
-    asked = np.zeros((height, width), np.bool_)
-    for i in prange(height):
+    found, asked = np.full(phi.shape, -1, np.int16), np.zeros(phi.shape, np.bool_)
+    over_bands(_orders, len(phi), phi, long, u_long, ratios, zeros, cycle, clear, most, found, asked)
+    return found, asked
+
+
+@njit(nogil=True, cache=True)
+def _orders(first, last, phi, long, u_long, ratios, zeros, cycle, clear, most, found, asked):  # type: ignore[no-untyped-def]
+    """Decide the orders of some rows."""
+    width = phi.shape[1]
+    for i in range(first, last):
         chi_squareds = np.empty(cycle)
         for j in range(width):
             if not np.isfinite(phi[i, j]):
@@ -63,7 +80,6 @@ def orders(phi, long, u_long, ratios, zeros, cycle, clear, most):  # type: ignor
             fits = least < most * ratios.size * (1 + _SHARED * count) or second > _FAR_BETTER * least
             if second - least > clear and fits:
                 found[i, j] = place
-    return found, asked
 
 
 @njit
@@ -88,12 +104,18 @@ def _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds):  # type:
     return count
 
 
-@njit(parallel=True, cache=True)
-def alone(absolute, cycle_rad):  # type: ignore[no-untyped-def]
+def alone(absolute: Single, cycle_rad: float) -> NDArray[np.bool_]:
     """Tell which pixels have fewer than three neighbours within half a fringe: at edges, orders may be by chance."""
+    found = np.zeros(absolute.shape, np.bool_)
+    over_bands(_alone, len(absolute), absolute, cycle_rad, found)
+    return found
+
+
+@njit(nogil=True, cache=True)
+def _alone(first, last, absolute, cycle_rad, found):  # type: ignore[no-untyped-def]
+    """Count the neighbours in some rows."""
     height, width = absolute.shape
-    found = np.zeros((height, width), np.bool_)
-    for i in prange(height):
+    for i in range(first, last):
         for j in range(width):
             here, near = absolute[i, j], 0
             for a in range(max(0, i - 1), min(height, i + 2)):
@@ -101,7 +123,6 @@ def alone(absolute, cycle_rad):  # type: ignore[no-untyped-def]
                     off = absolute[a, b] - here
                     near += abs(off - cycle_rad * np.rint(off / cycle_rad)) < np.pi  # one is the pixel itself
             found[i, j] = near <= _LEAST_NEIGHBOURS
-    return found
 
 
 @njit(cache=True)
@@ -137,12 +158,18 @@ def hang_together(absolute, cycle_rad, most_rad):  # type: ignore[no-untyped-def
     return values, labels
 
 
-@njit(parallel=True, cache=True)
-def chosen(known, lower):  # type: ignore[no-untyped-def]
+def chosen(known: Single, lower: Single) -> Single:
     """Give open pixels `lower` or one fringe more, whichever more of the known pixels around them continue."""
-    height, width = known.shape
     result = known.copy()
-    for i in prange(height):
+    over_bands(_choose, len(known), known, lower, result)
+    return result
+
+
+@njit(nogil=True, cache=True)
+def _choose(first, last, known, lower, result):  # type: ignore[no-untyped-def]
+    """Choose in some rows."""
+    height, width = known.shape
+    for i in range(first, last):
         for j in range(width):
             if np.isfinite(known[i, j]) or not np.isfinite(lower[i, j]):
                 continue
@@ -153,4 +180,3 @@ def chosen(known, lower):  # type: ignore[no-untyped-def]
                     votes += (abs(off - TURN) < np.pi) - (abs(off) < np.pi)
             if abs(votes) >= _LEAST_LEAD:
                 result[i, j] = lower[i, j] + TURN * (votes > 0)
-    return result

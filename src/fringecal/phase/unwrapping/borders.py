@@ -5,10 +5,10 @@ anything, and by whole fringes only by chance, which no single picture can tell 
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
 
 Array = NDArray[np.float64]
 
@@ -66,19 +66,32 @@ def _steps_over(values, labels, rows, columns):  # type: ignore[no-untyped-def]
     return steps, tolerances
 
 
-@njit(parallel=True, cache=True)
-def _places(labels, along):  # type: ignore[no-untyped-def]
+def _places(labels: NDArray[np.int32], along: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find where two regions touch: pixels whose neighbour below, or along the row, has another label."""
     dv, du = (0, 1) if along else (1, 0)
-    height, width = labels.shape[0] - dv, labels.shape[1] - du
+    height = labels.shape[0] - dv
     ends = np.zeros(height + 1, np.int64)
-    for v in prange(height):
-        for u in range(width):
-            one, two = labels[v, u], labels[v + dv, u + du]
-            ends[v + 1] += one != two and one > 0 and two > 0
+    over_bands(_count_places, height, labels, dv, du, ends)
     ends = np.cumsum(ends)
     rows, columns = np.empty(ends[-1], np.int64), np.empty(ends[-1], np.int64)
-    for v in prange(height):
+    over_bands(_write_places, height, labels, dv, du, ends, rows, columns)
+    return rows, columns
+
+
+@njit(nogil=True, cache=True)
+def _count_places(first, last, labels, dv, du, ends):  # type: ignore[no-untyped-def]
+    """Count the places of some rows, each in the number after its own."""
+    for v in range(first, last):
+        for u in range(labels.shape[1] - du):
+            one, two = labels[v, u], labels[v + dv, u + du]
+            ends[v + 1] += one != two and one > 0 and two > 0
+
+
+@njit(nogil=True, cache=True)
+def _write_places(first, last, labels, dv, du, ends, rows, columns):  # type: ignore[no-untyped-def]
+    """Write the places of some rows where `ends` says."""
+    width = labels.shape[1] - du
+    for v in range(first, last):
         at = ends[v]
         if ends[v + 1] > at:
             for u in range(width):
@@ -86,7 +99,6 @@ def _places(labels, along):  # type: ignore[no-untyped-def]
                 if one != two and one > 0 and two > 0:
                     rows[at], columns[at] = v, u
                     at += 1
-    return rows, columns
 
 
 def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -6,10 +6,10 @@ arctangent, so that 12 megapixels take a few tens of milliseconds each.
 
 import cv2
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from fringecal.numerics import TURN, robust_sd, wrap
+from fringecal.numerics import TURN, over_bands, robust_sd, wrap
 
 _TURN, _PER_TURN = np.float32(TURN), np.float32(1 / TURN)
 # Change of slope over three px above which the smoothed phase is cut: so many standard deviations of the noise, but
@@ -28,13 +28,14 @@ def _wrapped(difference):  # type: ignore[no-untyped-def]
     return difference - _TURN * np.rint(difference * _PER_TURN)
 
 
-@njit(parallel=True, cache=True)
-def _means(phase, mean, steady):  # type: ignore[no-untyped-def]
-    """Write the mean over 3 x 3 px, and 1 where all nine are valid and agree; the picture's rim is never steady."""
+@njit(nogil=True, cache=True)
+def _means(first, last, phase, mean, steady):  # type: ignore[no-untyped-def]
+    """Write the mean over 3 x 3 px of some rows, and 1 where all nine are valid and agree; the rim is never steady."""
     height, width = phase.shape
-    for i in prange(height):
+    for i in range(first, last):
         if i == 0 or i == height - 1:
-            mean[i], steady[i] = phase[i], 0
+            for j in range(width):
+                mean[i, j], steady[i, j] = phase[i, j], 0
             continue
         total, squares, count = np.zeros(width, np.float32), np.zeros(width, np.float32), np.zeros(width, np.float32)
         here = phase[i]
@@ -63,11 +64,11 @@ def _curvature(before, left, right, after):  # type: ignore[no-untyped-def]
     return curvature if curvature == curvature else np.float32(0)
 
 
-@njit(parallel=True, cache=True)
-def _cut_at_curvature(mean, limits, steady):  # type: ignore[no-untyped-def]
-    """Clear the pixels around which the mean curvature exceeds its limit along rows or columns."""
+@njit(nogil=True, cache=True)
+def _cut_at_curvature(first, last, mean, limits, steady):  # type: ignore[no-untyped-def]
+    """Clear the pixels of some rows around which the mean curvature exceeds its limit along rows or columns."""
     height, width = mean.shape
-    for i in prange(2, height - 2):
+    for i in range(max(first, 2), min(last, height - 2)):
         up, above, here, below, down = mean[i - 2], mean[i - 1], mean[i], mean[i + 1], mean[i + 2]
         for j in range(2, width - 2):
             across = _curvature(up[j], above[j], below[j], down[j])
@@ -84,11 +85,10 @@ def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]
         Wrapped phase, rad, (H, W), NaN where masked.
     """
     mean, steady = np.empty_like(phase), np.empty(phase.shape, np.uint8)
-    _means(phase, mean, steady)
+    over_bands(_means, len(phase), phase, mean, steady)
     noise = [_noise_of_curvature(mean), _noise_of_curvature(mean.T)]
-    _cut_at_curvature(
-        mean, np.clip(_CURVATURE_SIGMAS * np.array(noise), *_CURVATURE_LIMITS_RAD).astype(np.float32), steady
-    )
+    limits = np.clip(_CURVATURE_SIGMAS * np.array(noise), *_CURVATURE_LIMITS_RAD).astype(np.float32)
+    over_bands(_cut_at_curvature, len(mean), mean, limits, steady)
     # A bridge over an edge, where the jump happens to be whole fringes, is a few pixels wide: it must not stay.
     eroded = cv2.erode(
         steady, np.ones((_BRIDGE_PX, _BRIDGE_PX), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,)
@@ -133,10 +133,10 @@ def _at_open_side(labels, phase, v, u):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(parallel=True, cache=True)
-def _count_open(labels, phase, counts):  # type: ignore[no-untyped-def]
-    """Count in every row the labelled pixels beside open ones, and the open ones."""
-    for v in prange(labels.shape[0]):
+@njit(nogil=True, cache=True)
+def _count_open(first, last, labels, phase, counts):  # type: ignore[no-untyped-def]
+    """Count in some rows the labelled pixels beside open ones, and the open ones."""
+    for v in range(first, last):
         rim, free = 0, 0
         for u in range(labels.shape[1]):
             if labels[v, u] > 0:
@@ -183,14 +183,21 @@ def flood(values: NDArray[np.float64], labels: NDArray[np.int32], phase: NDArray
         Wrapped phase, rad, (H, W), NaN where masked.
     """
     counts = np.zeros((labels.shape[0], 2), np.int64)
-    _count_open(labels, phase, counts)
+    over_bands(_count_open, len(labels), labels, phase, counts)
     _flood(values, labels, phase, counts)
 
 
-@njit(parallel=True, cache=True)
-def add_orders(values, labels, orders, numbers):  # type: ignore[no-untyped-def]
+def add_orders(
+    values: NDArray[np.float64], labels: NDArray[np.int32], orders: NDArray[np.int64], numbers: NDArray[np.int32]
+) -> None:
     """Add its fringes to every region and number it anew, in place; NaN where there is no region."""
-    for v in prange(labels.shape[0]):
+    over_bands(_add_orders, len(labels), values, labels, orders, numbers)
+
+
+@njit(nogil=True, cache=True)
+def _add_orders(first, last, values, labels, orders, numbers):  # type: ignore[no-untyped-def]
+    """Add the fringes in some rows."""
+    for v in range(first, last):
         for u in range(labels.shape[1]):
             label = labels[v, u]
             values[v, u] = values[v, u] + TURN * orders[label] if label > 0 else np.nan

@@ -7,10 +7,10 @@ it and not beside it. Neither depends on the number of threads.
 """
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
 
 N_SWEEPS, N_CLASSES = 4, 9
 """Links of the first classes go by the worse of their pixels alone, all others by both; class 0 is the best."""
@@ -91,8 +91,7 @@ def _join_rows(phase, classes, width, rows, nodes):  # type: ignore[no-untyped-d
                     root, mine = _join(phase, up, pixel, at, (root, mine), nodes)
 
 
-@njit(parallel=True, cache=True)
-def join_best(phase, classes, width):  # type: ignore[no-untyped-def]
+def join_best(phase: NDArray[np.float32], classes: NDArray[np.uint8], width: int) -> NDArray[np.int64]:
     """Make the nodes and join neighbours of class 0: strip by strip at once, then across the strips' borders.
 
     Parameters
@@ -100,18 +99,31 @@ def join_best(phase, classes, width):  # type: ignore[no-untyped-def]
     phase, classes
         Wrapped phase, float32 rad, and classes, uint8; flat, `width` pixels a row.
     """
-    height = phase.size // width
-    strips = min(_STRIPS, height)
+    strips = min(_STRIPS, phase.size // width)
     nodes = np.empty(phase.size, np.int64)
-    for s in prange(strips):
+    over_bands(_join_strips, strips, phase, classes, width, strips, nodes, least=1)
+    _join_borders(phase, classes, width, strips, nodes)
+    return nodes
+
+
+@njit(nogil=True, cache=True)
+def _join_strips(first, last, phase, classes, width, strips, nodes):  # type: ignore[no-untyped-def]
+    """Join within some strips."""
+    height = phase.size // width
+    for s in range(first, last):
         _join_rows(phase, classes, width, (height * s // strips, height * (s + 1) // strips), nodes)
+
+
+@njit(cache=True)
+def _join_borders(phase, classes, width, strips, nodes):  # type: ignore[no-untyped-def]
+    """Join across the strips' borders."""
+    height = phase.size // width
     for s in range(1, strips):
         start = width * (height * s // strips)
         for pixel in range(start, start + width):
             up = pixel - width
             if classes[pixel] == 0 and classes[up] == 0:
                 _join(phase, up, pixel, _find(nodes, up), _find(nodes, pixel), nodes)
-    return nodes
 
 
 @njit(inline="always")
@@ -144,30 +156,42 @@ def _place_links(classes, width, rows, at, links):  # type: ignore[no-untyped-de
             at[key] += step[key]
 
 
-@njit(parallel=True, cache=True)
-def sorted_links(classes, width):  # type: ignore[no-untyped-def]
+def sorted_links(classes: NDArray[np.uint8], width: int) -> NDArray[np.int32]:
     """Return all links but those of class 0, the best first, in raster order where they are equally good.
 
     A counting sort whose loops hold no branch that depends on the picture: in noise, guessing such branches wrong
     takes longer than all the rest.
     """
-    height = classes.size // width
-    strips = min(_STRIPS, height)
+    strips = min(_STRIPS, classes.size // width)
     counts = np.zeros((strips, _KEYS), np.int64)
-    for s in prange(strips):
+    over_bands(_count_strips, strips, classes, width, counts, least=1)
+    # Where the links of each key and strip begin: those of a key after another, its strips in their order.
+    ends = np.cumsum(counts[:, 1:].T)
+    total = int(ends[-1])
+    counts[:, 1:] = (ends.reshape(_KEYS - 1, strips) - counts[:, 1:].T).T
+    counts[:, 0] = total + np.arange(strips)
+    links = np.empty(total + strips, np.int32)
+    over_bands(_place_strips, strips, classes, width, counts, links, least=1)
+    return links[:total]
+
+
+@njit(nogil=True, cache=True)
+def _count_strips(first, last, classes, width, counts):  # type: ignore[no-untyped-def]
+    """Count the links of some strips by their place in the queue."""
+    height, strips = classes.size // width, counts.shape[0]
+    for s in range(first, last):
         mine = np.zeros(_KEYS, np.int64)  # of one's own, for strips' counts share a cache line
         _count_links(classes, width, (height * s // strips, height * (s + 1) // strips), mine)
-        counts[s] = mine
-    total = 0
-    for key in range(1, _KEYS):
-        for s in range(strips):
-            counts[s, key], total = total, total + counts[s, key]
-    links = np.empty(total + strips, np.int32)
-    for s in prange(strips):
-        at = counts[s].copy()
-        at[0] = total + s
-        _place_links(classes, width, (height * s // strips, height * (s + 1) // strips), at, links)
-    return links[:total]
+        for key in range(_KEYS):
+            counts[s, key] = mine[key]
+
+
+@njit(nogil=True, cache=True)
+def _place_strips(first, last, classes, width, starts, links):  # type: ignore[no-untyped-def]
+    """Write the links of some strips from where they start."""
+    height, strips = classes.size // width, starts.shape[0]
+    for s in range(first, last):
+        _place_links(classes, width, (height * s // strips, height * (s + 1) // strips), starts[s].copy(), links)
 
 
 @njit(cache=True)
@@ -180,10 +204,15 @@ def join_links(phase, width, links, nodes):  # type: ignore[no-untyped-def]
             _join(phase, p, q, _find(nodes, p), _find(nodes, q), nodes)
 
 
-@njit(parallel=True, cache=True)
-def hang_on_roots(nodes, width):  # type: ignore[no-untyped-def]
+def hang_on_roots(nodes: NDArray[np.int64], width: int) -> None:
     """Let every node hang on its root; what another thread has done already is another path to the same root."""
-    for i in prange(nodes.size // width):
+    over_bands(_hang_rows, nodes.size // width, nodes, width)
+
+
+@njit(nogil=True, cache=True)
+def _hang_rows(first, last, nodes, width):  # type: ignore[no-untyped-def]
+    """Let the nodes of some rows hang on their roots."""
+    for i in range(first, last):
         for pixel in range(i * width, (i + 1) * width):
             node = nodes[pixel]
             above, order = node & _PARENT, node >> 32
@@ -207,12 +236,20 @@ def number_roots(nodes, classes):  # type: ignore[no-untyped-def]
     return pieces
 
 
-@njit(parallel=True, cache=True)
-def add_periods(phase, classes, nodes, pieces):  # type: ignore[no-untyped-def]
+def add_periods(
+    phase: NDArray[np.floating], classes: NDArray[np.uint8], nodes: NDArray[np.int64], pieces: NDArray[np.int32]
+) -> NDArray[np.float64]:
     """Return the phase with its periods, NaN where masked, and complete the numbers of the pieces."""
-    height, width = phase.shape
-    result = np.empty((height, width))
-    for i in prange(height):
+    result = np.empty(phase.shape)
+    over_bands(_add_rows, len(phase), phase, classes, nodes, pieces, result)
+    return result
+
+
+@njit(nogil=True, cache=True)
+def _add_rows(first, last, phase, classes, nodes, pieces, result):  # type: ignore[no-untyped-def]
+    """Add the periods in some rows."""
+    width = phase.shape[1]
+    for i in range(first, last):
         for j in range(width):
             pixel = i * width + j
             root = nodes[pixel] & _PARENT
@@ -220,4 +257,3 @@ def add_periods(phase, classes, nodes, pieces):  # type: ignore[no-untyped-def]
             result[i, j] = np.nan if masked else phase[i, j] + TURN * (nodes[pixel] >> 32)
             if root != pixel:
                 pieces[pixel] = pieces[root]
-    return result

@@ -7,11 +7,11 @@ are joined class by class, in raster order within a class (`joining`).
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, over_bands
 from fringecal.phase.unwrapping import joining
 
 _PER_TURN = 1 / TURN
@@ -129,15 +129,16 @@ def _classified(badness: NDArray[np.float32], wrapped: NDArray) -> NDArray[np.ui
     sample = badness[::step, ::step]
     sample = sample[np.isfinite(sample)]
     limits = np.quantile(sample, _CLASSES) if sample.size else np.zeros(len(_CLASSES))
-    return _classify(badness, wrapped, limits.astype(np.float32))
+    classes = np.empty(badness.shape, np.uint8)
+    over_bands(_classify, len(classes), badness, wrapped, limits.astype(np.float32), classes)
+    return classes
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def _classify(badness, wrapped, limits):  # type: ignore[no-untyped-def]
-    """Count the limits that are not above each value, which a NaN exceeds all."""
-    height, width = badness.shape
-    classes = np.empty((height, width), np.uint8)
-    for i in prange(height):
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _classify(first, last, badness, wrapped, limits, classes):  # type: ignore[no-untyped-def]
+    """Count the limits that are not above each value of some rows, which a NaN exceeds all."""
+    width = badness.shape[1]
+    for i in range(first, last):
         here, phases, mine = badness[i], wrapped[i], classes[i]
         rank = np.zeros(width, np.float32)
         for limit in limits:
@@ -146,7 +147,6 @@ def _classify(badness, wrapped, limits):  # type: ignore[no-untyped-def]
         for j in range(width):
             rank[j] = rank[j] if abs(phases[j]) < np.inf else np.float32(joining.MASKED)
             mine[j] = np.uint8(np.int32(rank[j]))
-    return classes
 
 
 @njit(inline="always", fastmath=_FAST)
@@ -158,12 +158,18 @@ def _curvature(left, centre, right):  # type: ignore[no-untyped-def]
     return (one - two) * (one - two)
 
 
-@njit(parallel=True, cache=True, fastmath=_FAST)
-def _second_differences(phase):  # type: ignore[no-untyped-def]
+def _second_differences(phase: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the sum of squared second differences in four directions; NaN where a neighbour is missing."""
+    curvature = np.full(phase.shape, np.float32(np.nan))
+    over_bands(_sum_squares, len(phase), phase, curvature)
+    return curvature
+
+
+@njit(nogil=True, cache=True, fastmath=_FAST)
+def _sum_squares(first, last, phase, curvature):  # type: ignore[no-untyped-def]
+    """Write the sums of some rows."""
     height, width = phase.shape
-    curvature = np.full((height, width), np.float32(np.nan))
-    for i in prange(1, height - 1):
+    for i in range(max(first, 1), min(last, height - 1)):
         above, here, below = phase[i - 1], phase[i], phase[i + 1]
         for j in range(1, width - 1):
             p = np.float32(here[j])
@@ -171,4 +177,3 @@ def _second_differences(phase):  # type: ignore[no-untyped-def]
             total += _curvature(np.float32(above[j]), p, np.float32(below[j]))
             total += _curvature(np.float32(above[j - 1]), p, np.float32(below[j + 1]))
             curvature[i, j] = total + _curvature(np.float32(above[j + 1]), p, np.float32(below[j - 1]))
-    return curvature
