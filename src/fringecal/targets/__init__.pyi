@@ -88,6 +88,18 @@ from .target_surface import (
 from .target_surface import (
     surface_mm as surface_mm,
 )
+from .tops import (
+    BallTop as BallTop,
+)
+from .tops import (
+    PlaneTop as PlaneTop,
+)
+from .tops import (
+    Top as Top,
+)
+from .tops import (
+    tops_of as tops_of,
+)
 from .vector import (
     pdf as pdf,
 )
