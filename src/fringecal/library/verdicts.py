@@ -66,7 +66,7 @@ class VerificationResult:
     def _checks(self) -> tuple[Check, ...]:
         if isinstance(self.found, Verification):
             return verification_checks(self.found)
-        return artefact_checks(self.found.readings)
+        return artefact_checks(self.found)
 
     def __repr__(self) -> str:
         """Say artefact and verdict."""

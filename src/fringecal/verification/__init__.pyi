@@ -1,3 +1,27 @@
+from .expected.form_orders import (
+    FormPhase as FormPhase,
+)
+from .expected.form_orders import (
+    orders_by_form as orders_by_form,
+)
+from .expected.form_search import (
+    FoundForm as FoundForm,
+)
+from .expected.form_search import (
+    demand_form as demand_form,
+)
+from .expected.form_search import (
+    find_form as find_form,
+)
+from .expected.placed_form import (
+    FormPlace as FormPlace,
+)
+from .forms.departures import (
+    Departures as Departures,
+)
+from .forms.departures import (
+    departures_of as departures_of,
+)
 from .forms.folds import (
     Fold as Fold,
 )

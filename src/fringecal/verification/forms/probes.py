@@ -6,14 +6,14 @@ cause of uncertainty would move them.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import singledispatch
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.errors import FitError
-from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, Wedge
+from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, Strips, Wedge
 from fringecal.uncertainty import Estimate, Influence
 from fringecal.verification.forms.fitted_forms import fit_plane, fit_sphere, flatness, sphere_form
 from fringecal.verification.forms.pieces import MIN_PIXELS, one_piece, pieces_between, valid_points
@@ -69,6 +69,7 @@ class _Windows:
 
 _WINDOWS = _Windows()
 _LINE = "linearity deviation"
+_CLEARLY = 2.5  # times as far off: strips that differ lie one way round and not the other
 
 
 @dataclass(frozen=True)
@@ -102,16 +103,23 @@ class Probe:
     notes: tuple[str, ...] = ()
 
 
+Tops = NDArray[np.integer] | None
+"""Number of the target's top that each pixel sees clear of rims, -1 where none; None where that is not known."""
+
+
 @singledispatch
-def probe(target: Artefact, surface: Surface) -> Probe:  # noqa: ARG001
+def probe(target: Artefact, surface: Surface, tops: Tops = None) -> Probe:  # noqa: ARG001
     """Find an artefact in a measured surface and say what is to be computed from it.
 
     Parameters
     ----------
     target
-        `Flat`, `Steps`, `Wedge`, `Box`, `Sphere` or `BallBar`.
+        `Flat`, `Strips`, `Steps`, `Wedge`, `Box`, `Sphere` or `BallBar`.
     surface
         Height map, mm, plate at z = 0.
+    tops
+        (H, W), which pixel sees which top, as the order of `fringecal.targets.tops_of`; without it the tops are looked
+        for between the heights that they should have.
 
     Raises
     ------
@@ -119,18 +127,22 @@ def probe(target: Artefact, surface: Surface) -> Probe:  # noqa: ARG001
         The surface does not show the artefact.
     """
     raise FitError(
-        f"a target of kind {getattr(target, 'kind', '?')!r} has no surface to be verified on; use zigzag, flat, steps, "
-        "wedge, box, sphere or ball-bar"
+        f"a target of kind {getattr(target, 'kind', '?')!r} has no surface to be verified on; use zigzag, flat, "
+        "strips, steps, wedge, box, sphere or ball-bar"
     )
 
 
 @probe.register
-def _(target: Flat, surface: Surface) -> Probe:
+def _(target: Flat, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     height = 0.0 if target.height_mm is None else target.height_mm.value
     deviation = target.flatness_mm.value + target.flatness_mm.u
     tolerance = max(_WINDOWS.flat * height, _WINDOWS.flat_deviations * deviation, _WINDOWS.flat_least_mm)
-    inside = one_piece(points, valid, height - tolerance, height + tolerance, what="flat")
+    inside = (
+        one_piece(points, valid, height - tolerance, height + tolerance, what="flat")
+        if tops is None
+        else _only_top(tops, valid)
+    )
     references = {"flatness": target.flatness_mm.estimate("flatness", "mm")}
     if target.height_mm is not None:
         references["height"] = target.height_mm.estimate("height", "mm")
@@ -151,19 +163,27 @@ def _(target: Flat, surface: Surface) -> Probe:
 
 
 @probe.register
-def _(target: Box, surface: Surface) -> Probe:
+def _(target: Box, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     height = target.height_mm.value
-    top = one_piece(points, valid, *(share * height for share in _WINDOWS.box), what="top of the box")
+    top = (
+        one_piece(points, valid, *(share * height for share in _WINDOWS.box), what="top of the box")
+        if tops is None
+        else _only_top(tops, valid)
+    )
     references = {"height": target.height_mm.estimate("height", "mm")}
     return Probe((_indices(top),), lambda groups: {"height": float(groups[0][:, 2].mean())}, references, _from_planes)
 
 
 @probe.register
-def _(target: Wedge, surface: Surface) -> Probe:
+def _(target: Wedge, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     tallest = target.width_mm.value * math.tan(math.radians(target.angle_deg.value))
-    slope = one_piece(points, valid, *(share * tallest for share in _WINDOWS.slope), what="slope of the wedge")
+    slope = (
+        one_piece(points, valid, *(share * tallest for share in _WINDOWS.slope), what="slope of the wedge")
+        if tops is None
+        else _only_top(tops, valid)
+    )
     references = {"angle": target.angle_deg.estimate("angle", "deg")}
 
     def numbers(groups: Sequence[Floats]) -> Numbers:
@@ -174,14 +194,73 @@ def _(target: Wedge, surface: Surface) -> Probe:
 
 
 @probe.register
-def _(target: Steps, surface: Surface) -> Probe:
+def _(target: Strips, surface: Surface, tops: Tops = None) -> Probe:
+    points, valid = valid_points(surface)
+    if tops is None:
+        raise FitError("strips are found by their phase, not in a surface; verify them from their frames")
+    groups, names, references, notes = [], [], {}, []
+    for index in range(target.count):
+        found = _top(tops, valid, index)
+        if not found:
+            notes.append(f"strip {index + 1} has too few lit pixels and was left out")
+            continue
+        groups.append(_indices(found[0]))
+        names.append(f"strip {index + 1}")
+        references[names[-1]] = target.height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=index)
+    if not groups:
+        raise FitError("no strip has enough lit pixels clear of its rims; light more of them")
+    measured = {name: float(points[..., 2].ravel()[g].mean()) for name, g in zip(names, groups, strict=True)}
+    references, note = _as_they_lie(references, measured, target)
+    notes += note
+
+    def numbers(groups: Sequence[Floats]) -> Numbers:
+        return {name: float(np.mean(group[:, 2])) for name, group in zip(names, groups, strict=True)}
+
+    return Probe(tuple(groups), numbers, references, _from_planes, notes=tuple(notes))
+
+
+def _as_they_lie(
+    references: dict[str, Estimate], measured: Mapping[str, float], target: Strips
+) -> tuple[dict[str, Estimate], list[str]]:
+    """Say which certified height each strip seen has: they may lie turned round, and differ by micrometres only."""
+    heights, us = target.height_mm.array(target.count), target.height_mm.u_array(target.count)
+    if np.ptp(heights) == 0:
+        return references, []
+    places = {name: int(name.removeprefix("strip ")) - 1 for name in references}
+    turned = {
+        name: replace(one, value=float(heights[-1 - places[name]]), u=float(us[-1 - places[name]]))
+        for name, one in references.items()
+    }
+    off, off_turned = (
+        float(np.std([measured[name] - one[name].value for name in one])) if len(one) > 1 else 0.0
+        for one in (references, turned)
+    )
+    if off_turned * _CLEARLY < off:
+        return turned, ["the strips lie the other way round: strip 1 is the last of the certificate"]
+    if off * _CLEARLY < off_turned:
+        return references, []
+    either = {name: _between(one, turned[name]) for name, one in references.items()}
+    return either, ["it is open which way round the strips lie: half of what that changes counts as uncertainty"]
+
+
+def _between(one: Estimate, other: Estimate) -> Estimate:
+    """Return a height that is one of two: their mean, half of their difference in its uncertainty."""
+    u = math.hypot(max(one.u, other.u), (one.value - other.value) / 2)
+    return replace(one, value=(one.value + other.value) / 2, u=u)
+
+
+@probe.register
+def _(target: Steps, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     nominal = target.heights_mm.array(len(target.heights_mm.values))
     levels = np.unique(np.concatenate([[0.0], nominal]))
     groups, references, notes = [], {}, []
     for index, height in enumerate(nominal):
-        half = _WINDOWS.step * float(np.min(np.abs(levels[levels != height] - height)))
-        found = pieces_between(points, valid, height - half, height + half)
+        if tops is None:
+            half = _WINDOWS.step * float(np.min(np.abs(levels[levels != height] - height)))
+            found = pieces_between(points, valid, height - half, height + half)
+        else:
+            found = _top(tops, valid, index)
         if not found:
             notes.append(f"the height step of {height:g} mm was not found, or its phase is that of another level")
             continue
@@ -220,10 +299,10 @@ def _slope_u(certified: Floats, references: Mapping[str, Estimate]) -> float:
 
 
 @probe.register
-def _(target: Sphere, surface: Surface) -> Probe:
+def _(target: Sphere, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     diameter = target.diameter_mm.value
-    (ball,) = _balls(points, valid, (diameter,))
+    (ball,) = _balls(points, valid, (diameter,), tops)
     references = {"size": target.diameter_mm.estimate("diameter", "mm")}
     residuals = _from_spheres((diameter,))
     return Probe(
@@ -232,10 +311,10 @@ def _(target: Sphere, surface: Surface) -> Probe:
 
 
 @probe.register
-def _(target: BallBar, surface: Surface) -> Probe:
+def _(target: BallBar, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     diameters = tuple(map(float, target.diameters_mm.array(2)))
-    groups = _balls(points, valid, diameters)
+    groups = _balls(points, valid, diameters, tops)
     references = {"spacing": target.spacing_mm.estimate("spacing", "mm")}
     for k, u in enumerate(target.diameters_mm.u_array(2)):
         references[f"ball {k + 1}: size"] = Estimate(diameters[k], float(u), "mm", "diameter")
@@ -273,8 +352,34 @@ def _ball_numbers(points: Floats) -> Numbers:
     }
 
 
-def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...]) -> tuple[NDArray[np.intp], ...]:
-    """Return the pixels of each ball's cap, from low x to high x."""
+def _only_top(tops: NDArray[np.integer], valid: Mask) -> Mask:
+    """Return the pixels of the one top that a target has.
+
+    Raises
+    ------
+    FitError
+        Hardly any is lit.
+    """
+    found = _top(tops, valid, 0)
+    if not found:
+        raise FitError("the artefact's top has too few lit pixels clear of its rims; light it, and leave it in view")
+    return found[0]
+
+
+def _top(tops: NDArray[np.integer], valid: Mask, number: int) -> list[Mask]:
+    """Return the pixels of one top, if there are enough."""
+    inside = valid & (tops == number)
+    return [inside] if np.count_nonzero(inside) >= MIN_PIXELS else []
+
+
+def _balls(points: Floats, valid: Mask, diameters: tuple[float, ...], tops: Tops) -> tuple[NDArray[np.intp], ...]:
+    """Return the pixels of each ball's cap, from low x to high x; where tops are known, in their order."""
+    if tops is not None:
+        pieces = [_top(tops, valid, number) for number in range(len(diameters))]
+        if not all(pieces):
+            raise FitError("a ball's cap has too few lit pixels; light every ball from its top down")
+        rough = [piece[0] for piece in pieces]
+        return tuple(_cap(points, piece, piece, d) for piece, d in zip(rough, diameters, strict=True))
     lowest, highest = _WINDOWS.ball[0] * min(diameters), _WINDOWS.ball[1] * max(diameters)
     found = pieces_between(points, valid, lowest, highest)[: len(diameters)]
     if len(found) < len(diameters):

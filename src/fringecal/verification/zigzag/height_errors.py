@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from fringecal.targets import Zigzag
+from fringecal.verification.forms.departures import Departures
 from fringecal.verification.zigzag.bands import Band, band_errors
 from fringecal.verification.zigzag.error_field import default_places, error_field
 from fringecal.verification.zigzag.error_terms import ErrorTerm, error_sentence, error_terms
@@ -44,6 +45,8 @@ class ZigzagErrors:
         What the error is made of, largest first, and the plain sentence naming it.
     error_mm
         (H, W) measured minus reference height on the bars, NaN elsewhere.
+    departures
+        The errors of all flank pixels, edge zones out, beside the uncertainty of each; None where none is known.
     """
 
     pose: ZigzagPose
@@ -61,6 +64,7 @@ class ZigzagErrors:
     terms: tuple[ErrorTerm, ...]
     sentence: str
     error_mm: Floats
+    departures: Departures | None
 
     @property
     def full_height_mm(self) -> float:
@@ -149,6 +153,7 @@ def zigzag_errors(
         terms=terms,
         sentence=error_sentence(terms, shape.height_mm),
         error_mm=np.where(field.inside & field.valid, field.error, np.nan),
+        departures=judge.departures(flanks),
     )
 
 

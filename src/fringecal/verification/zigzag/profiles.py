@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate, combined_map, effective_dof, en_score, mean_uncertainty
+from fringecal.verification.forms.departures import Departures, departures_of
 from fringecal.verification.zigzag.error_field import ErrorField
 from fringecal.verification.zigzag.flanks import FlankAngle, flank_angles
 from fringecal.verification.zigzag.zigzag_shape import Floats, ZigzagShape, reference_sensitivities
@@ -132,6 +133,16 @@ class Judge:
             en=en_score(Estimate(mean, u, "mm", dof=dof)) if u > 0 else None,
             missing_share=1 - valid.size / pixels.size,
         )
+
+    def departures(self, pixels: Pixels) -> Departures | None:
+        """Compare the errors of some pixels with the uncertainty of each, the target's own included.
+
+        None where no uncertainty is known.
+        """
+        valid = self.valid(pixels)
+        target = reference_sensitivities(self.field.across.ravel()[valid], self.shape)
+        u = np.sqrt(self.field.u_z.ravel()[valid] ** 2 + np.sum(target**2, axis=0))
+        return departures_of(self.field.error.ravel()[valid], u) if np.all(u > 0) else None
 
     def curve(self, name: str, pixels: Pixels) -> ProfileCurve:
         """Put the pixels of a profile in order, and find the angle errors of its flanks."""

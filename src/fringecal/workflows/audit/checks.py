@@ -104,7 +104,7 @@ def audit_checks(found: Audit, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, 
     changes = (judged(f"change of {c.name}", c.found, c.limit, level=limits.level) for c in changes_of(found, limits))
     verify = limits.model_copy(update={"verify": limits.verify.model_copy(update={"en": limits.audit.artefact_en})})
     bars = (check for one in found.bars for check in verification_checks(one, verify))
-    artefacts = (check for one in found.artefacts for check in artefact_checks(one.readings, verify))
+    artefacts = (check for one in found.artefacts for check in artefact_checks(one, verify))
     return (*_pictures(found), _whole(found), *changes, *bars, *artefacts)
 
 

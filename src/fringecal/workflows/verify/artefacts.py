@@ -7,11 +7,12 @@ import numpy as np
 
 from fringecal.errors import FringecalError
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import HeightMap, Levels, absolute_phase, height_of_phase, points_by_component
+from fringecal.reconstruct import HeightMap, points_by_component
 from fringecal.session import Capture
-from fringecal.targets import Artefact, BallBar, Box, Flat, Sphere, Steps, footprint_mm, surface_mm
-from fringecal.verification import Probe, Reading, probe, take_readings
+from fringecal.targets import Artefact, Flat, footprint_mm, surface_mm
+from fringecal.verification import Departures, Probe, Reading, departures_of, probe, take_readings
 from fringecal.workflows.shared import CapturePhase, caused_by_frames_of, phase_of_capture
+from fringecal.workflows.verify.form_phase import form_place, shown_form, surfaces_of
 from fringecal.workflows.verify.height_range import with_headroom
 
 _ACROSS, _ALONG = 401, 41  # places of an artefact's footprint at which its height is asked: across it heights change
@@ -27,6 +28,7 @@ class ArtefactVerification:
     surface: HeightMap
     probe: Probe
     readings: tuple[Reading, ...]
+    departures: Departures
 
     @property
     def sentence(self) -> str:
@@ -68,14 +70,21 @@ def verify_artefact(
     try:
         progress(f"heights of {capture.name}")
         heights = height_range_mm(target)
-        absolute = absolute_phase(phase.map, calibration, height_range_mm=heights, levels=levels_of(target))
-        surface = height_of_phase(absolute, calibration, height_range_mm=heights)
+        shown = shown_form(target, form_place(target, phase.map, calibration), phase.map, calibration)
+        (surface,) = surfaces_of(shown, phase.map, calibration, heights)
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
-        found = probe(target, surface)
+        found = probe(target, surface, np.where(shown.core, shown.top, -1))
         readings = take_readings(found, surface, lambda u, v, z: points_by_component(calibration, u, v, z))
-        return ArtefactVerification(capture, target, phase, surface, found, readings)
+        return ArtefactVerification(capture, target, phase, surface, found, readings, _departures(found, surface))
     except FringecalError as error:
         raise caused_by_frames_of(error, phase) from error
+
+
+def _departures(found: Probe, surface: HeightMap) -> Departures:
+    """Compare the distances from the fitted form with the heights' uncertainty."""
+    cloud = np.stack([surface.x, surface.y, surface.z], axis=-1).reshape(-1, 3)
+    off = np.concatenate(found.residuals([cloud[group] for group in found.groups]))
+    return departures_of(off, surface.u_z.ravel()[np.concatenate(found.groups)])
 
 
 def height_range_mm(target: Artefact) -> tuple[float, float]:
@@ -85,22 +94,6 @@ def height_range_mm(target: Artefact) -> tuple[float, float]:
     else:
         tallest = float(np.max(surface_mm(target, *_raster(target))))
     return with_headroom(tallest)
-
-
-def levels_of(target: Artefact) -> Levels | None:
-    """Return the heights at which an artefact has surfaces that may touch no plate."""
-    match target:
-        case Flat():
-            return None if target.height_mm is None else Levels((target.height_mm.value,))
-        case Box():
-            return Levels((target.height_mm.value,))
-        case Steps():
-            return Levels(target.heights_mm.values)
-        case Sphere():
-            return Levels((target.diameter_mm.value,), top=True)
-        case BallBar():
-            return Levels(target.diameters_mm.values, top=True)
-    return None
 
 
 def _raster(target: Artefact) -> tuple[np.ndarray, np.ndarray]:

@@ -1,14 +1,14 @@
 """Named checks of a verification: every profile and every certified number against its certificate."""
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
-from fringecal.verification import Reading
+from fringecal.verification import Departures
 from fringecal.workflows.shared import judged, judged_en
 
 if TYPE_CHECKING:
+    from fringecal.workflows.verify.artefacts import ArtefactVerification
     from fringecal.workflows.verify.run import Verification
     from fringecal.workflows.verify.session_artefacts import Verified
 
@@ -19,7 +19,7 @@ def verified_checks(found: "Verified", limits: Limits = DEFAULT_LIMITS) -> tuple
     An artefact that was laid there to verify the rig and could not be measured is a check that failed.
     """
     bars = ((one.capture.name, verification_checks(one, limits)) for one in found.bars)
-    others = ((one.capture.name, artefact_checks(one.readings, limits)) for one in found.artefacts)
+    others = ((one.capture.name, artefact_checks(one, limits)) for one in found.artefacts)
     measured = tuple(
         check.model_copy(update={"name": f"{name}: {check.name}"})
         for name, checks in (*bars, *others)
@@ -41,7 +41,33 @@ def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) 
             checks.append(judged_en(name, profile.en, limits.verify.en, of="mean error / U, certificate included"))
     if limits.verify.mean_error_percent is not None:
         checks.append(_tolerated_mean(found, limits))
-    return tuple(checks)
+    return (*checks, *departure_checks(found.errors.departures, limits))
+
+
+def departure_checks(found: Departures | None, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Judge scatter and maximum of an artefact's pixels against what noise and uncertainty allow.
+
+    A mean hides what cancels in it; the ripples of a frame that moved, or of a lamp that flickered, do not.
+    """
+    if found is None:
+        return ()
+    scatter = Check(
+        name="scatter of pixels",
+        value=found.ratio,
+        limit=limits.verify.scatter_ratio,
+        decision="pass" if found.ratio <= limits.verify.scatter_ratio else "fail",
+        rule="root mean square of each pixel's departure from the form over its standard uncertainty",
+    )
+    share = found.largest_ratio / found.allowed_ratio
+    largest = Check(
+        name="largest error of a pixel",
+        value=share,
+        limit=limits.verify.largest_ratio,
+        decision="pass" if share <= limits.verify.largest_ratio else "fail",
+        rule=f"departure over standard uncertainty, over {found.allowed_ratio:.1f}: what the largest of {found.points} "
+        "stays below in 99 of 100 cases",
+    )
+    return scatter, largest
 
 
 def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
@@ -55,11 +81,12 @@ def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
     )
 
 
-def artefact_checks(readings: Sequence[Reading], limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
-    """Return the checks of an artefact: every certified number, against its certificate."""
+def artefact_checks(found: "ArtefactVerification", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+    """Return the checks of an artefact: every certified number, and its pixels against its form."""
     quotient = "error / root sum of squares of U of rig and certificate"
-    return tuple(
+    numbers = tuple(
         judged_en(reading.name, reading.en, limits.verify.en, of=quotient)
-        for reading in readings
+        for reading in found.readings
         if reading.en is not None
     )
+    return (*numbers, *departure_checks(found.departures, limits))

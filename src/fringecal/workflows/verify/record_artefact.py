@@ -41,7 +41,7 @@ def artefact_record(
         height_model="projective",
         readings=tuple(_reading_record(reading) for reading in found.readings),
         sentence=found.sentence,
-        checks=artefact_checks(found.readings, limits),
+        checks=artefact_checks(found, limits),
         limits=limits,
         notes=(found.phase.sentence(), *found.probe.notes),
     )

@@ -48,7 +48,7 @@ def artefact_report(
     return Report(
         title=f"Verification on {found.target.name}",
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
-        verdict=Verdict(severest(artefact_checks(found.readings, limits)), found.sentence),
+        verdict=Verdict(severest(artefact_checks(found, limits)), found.sentence),
         facts=tuple(_fact(reading) for reading in found.readings),
         sections=(
             numbers_section(found),

@@ -5,12 +5,13 @@ from dataclasses import dataclass
 
 from fringecal.errors import FringecalError, SessionError
 from fringecal.projector import HEIGHT_MODELS, RigCalibration
-from fringecal.reconstruct import HeightMap, absolute_phase, height_of_phase
+from fringecal.reconstruct import HeightMap
 from fringecal.session import Capture, Session
-from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Wedge, Zigzag
+from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Strips, Wedge, Zigzag
 from fringecal.verification import (
     FILTERS,
     FilterResult,
+    FormPlace,
     ZigzagErrors,
     ZigzagPose,
     filter_study,
@@ -28,11 +29,12 @@ from fringecal.workflows.shared import (
     phase_of_capture,
     plate_beside,
 )
+from fringecal.workflows.verify.form_phase import form_place, shown_form, surfaces_of
 from fringecal.workflows.verify.height_range import with_headroom
 
 Progress = Callable[[str], None]
 
-VERIFIED = (Zigzag, Flat, Steps, Wedge, Box, Sphere, BallBar)
+VERIFIED = (Zigzag, Flat, Strips, Steps, Wedge, Box, Sphere, BallBar)
 """Targets that heights can be judged on."""
 
 
@@ -111,8 +113,10 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     capture, target = phase.capture, phase.capture.target
     assert isinstance(target, Zigzag)
     heights = with_headroom(zigzag_shape(target).height_mm)
-    absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
-    surface = height_of_phase(absolute, calibration, height_range_mm=heights)
+    place = form_place(target, phase.map, calibration)
+    simpler = HEIGHT_MODELS[:-1] if with_models else ()
+    shown = shown_form(target, place, phase.map, calibration)
+    surface, *others = surfaces_of(shown, phase.map, calibration, heights, ("projective", *simpler))
     progress("registering the zig-zag")
     pose = register_zigzag(surface, target)
     errors = zigzag_errors(
@@ -121,13 +125,12 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     models = {"projective": errors}
     if with_models:
         progress("height models side by side")
-    for name in HEIGHT_MODELS[:-1] if with_models else ():
-        other = height_of_phase(absolute, calibration, model=name)
+    for name, other in zip(simpler, others, strict=True):
         models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
     filters: tuple[FilterResult, ...] = ()
     if with_filters:
         progress("filters ranked")
-        filters = _filter_study(phase, calibration, target, pose, heights)
+        filters = _filter_study(phase, calibration, place, pose, heights)
     diagnosed = diagnose_capture(phase, calibration, plate=plate)
     return Verification(capture, target, phase, diagnosed, surface, pose, errors, models, filters)
 
@@ -167,13 +170,16 @@ def _only_artefact(session: Session) -> Capture:
 def _filter_study(
     phase: CapturePhase,
     calibration: RigCalibration,
-    target: Zigzag,
+    place: FormPlace,
     pose: ZigzagPose,
     heights: tuple[float, float],
 ) -> tuple[FilterResult, ...]:
     """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
+    target = phase.capture.target
+    assert isinstance(target, Zigzag)
     surfaces = {}
     for name in FILTERS:
-        absolute = absolute_phase(filtered_phase(phase, name), calibration, height_range_mm=heights)
-        surfaces[name] = height_of_phase(absolute, calibration, height_range_mm=heights)
+        filtered = filtered_phase(phase, name)
+        shown = shown_form(target, place, filtered, calibration)
+        (surfaces[name],) = surfaces_of(shown, filtered, calibration, heights)
     return filter_study(surfaces, target, pose)
