@@ -1,5 +1,8 @@
 """Shapes of virtual targets, their edges, and printed patterns."""
 
+import importlib.util
+import sys
+from pathlib import Path
 from typing import get_args
 
 import cv2
@@ -9,6 +12,7 @@ import pytest
 from fringecal.errors import FringecalError
 from fringecal.simulate import HeightField, RigSpec, leaf_scene, render, scene_of
 from fringecal.simulate.scene.objects import BUILDERS, rounded_ridge
+from fringecal.simulate.scene.printed_patterns import INK, LINES, Pattern
 from fringecal.simulate.scene.scene import Scene, together
 from fringecal.targets import Target, list_targets, load_target, parse_target
 
@@ -275,3 +279,32 @@ def test_several_targets_stand_together():
     z = heights(together([ball.placed(-40.0, 0.0), block.placed(40.0, 0.0)]))
     assert z[80, 60] == pytest.approx(20.0)
     assert z[80, 140] == pytest.approx(5.0)
+
+
+def exact_sheets():
+    path = Path(__file__).parents[2] / "benchmarks" / "exact_sheets.py"
+    spec = importlib.util.spec_from_file_location("exact_sheets", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # its dataclass looks there for its own module
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("width_px", [0.1, 0.5, 1.2, 5.0])
+@pytest.mark.parametrize(("blur_px", "angle_deg"), [(0.2, 0.0), (0.5, 30.0)])
+def test_lines_are_as_dark_as_exact_integration_says(width_px, blur_px, angle_deg):
+    x, y, spacing = 0.31, -0.17, 19.97
+    spec = rig(camera={"width_px": 121, "height_px": 101, "scale_mm_per_px": 1.0, "defocus_px": blur_px})
+    scene = Scene(pattern=Pattern(LINES, (41, 41), spacing, width_px).placed(x, y, np.radians(angle_deg)))
+    frame = render(spec, scene, noise=False, light="room").frames[0]
+    ink = ((1 - frame / frame.max()) / (1 - INK))[8:-8, 8:-8]
+    # The plate's y runs against v, so that its turn is the other way round in the picture.
+    cosine, sine = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
+    exact = exact_sheets()
+    sheet = exact.Sheet(width_px, blur_px, spacing, -angle_deg, (cosine * x + sine * y, sine * x - cosine * y))
+    expected = exact.ink_shares(sheet, frame.shape)[8:-8, 8:-8]
+    # 89 points of a pixel err by 0.03 of the contrast at most, where a line that is thinner than their spots passes the
+    # fewest; ink ends over 0.25 px, which lowers the peak of a line
+    # half as wide by 0.025.
+    assert ink == pytest.approx(expected, abs=0.045)
+    assert ink.sum() / expected.sum() == pytest.approx(1.0, abs=0.01)

@@ -37,6 +37,9 @@ from .grid.grid_search import (
 from .grid.grid_search import (
     find_grid as find_grid,
 )
+from .grid.line_scatter import (
+    LineScatter as LineScatter,
+)
 from .grid.line_section import (
     LineSection as LineSection,
 )

@@ -1,14 +1,16 @@
 """Least squares of a plane grid seen through a lens with distortion: the fits that the distortion test compares."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import lmfit
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.camera.distortion.crossing_scatter import shared_scatter
+from fringecal.camera.distortion.crossing_scatter import CrossingNoise, shared_factor, shared_scatter
 from fringecal.camera.lens.radial_lens import RadialLens
 from fringecal.detect import GridDetection
 from fringecal.numerics import robust_sd
@@ -31,15 +33,33 @@ POSE = frozenset({"h20", "h21"})
 
 @dataclass(frozen=True)
 class Crossings:
-    """Crossings in px and in units of the grid's half-size, their weights, and the picture's frame."""
+    """Crossings in px and in units of the grid's half-size, how they err, and the picture's frame."""
 
     points: Array
-    site: NDArray[np.int64]
     index: Array
-    sigma: Array
+    noise: CrossingNoise
     middle: tuple[float, float]
     half_diagonal: float
     half_size: float
+
+    @property
+    def site(self) -> NDArray[np.int64]:
+        """Column and row (n, 2)."""
+        return np.stack([self.noise.column, self.noise.row], axis=1)
+
+    @cached_property
+    def whitened(self) -> Callable[[Array], Array]:
+        """Shifts (n, 2, ...), px, as independent ones of variance 1."""
+        return self.noise.whitening()
+
+    @cached_property
+    def common_px(self) -> Array:
+        """Shifts (n, 2, modes), px, by one standard uncertainty of what all crossings have in common."""
+        return np.moveaxis(self.noise.common_px, 0, 2)
+
+    def picked(self, keep: NDArray[np.bool_]) -> "Crossings":
+        """Some of the crossings alone."""
+        return replace(self, points=self.points[keep], index=self.index[keep], noise=self.noise.picked(keep))
 
 
 @dataclass(frozen=True)
@@ -54,7 +74,7 @@ class GridFit:
     @property
     def free(self) -> frozenset[str]:
         """Names of the free parameters beyond the affine part of the pose."""
-        return frozenset(self.result.var_names) - (set(_HOMOGRAPHY) - POSE)
+        return frozenset(self.result.var_names) & ({*_LENS} | POSE)
 
     def lens_with(self, name: str, step: float, crossings: Crossings) -> RadialLens:
         """Return the lens with one of its parameters moved."""
@@ -76,9 +96,8 @@ def crossings_of(detection: GridDetection) -> Crossings:
     centred = site - site.mean(axis=0)
     return Crossings(
         np.stack([detection.u_px, detection.v_px], axis=1),
-        site,
         centred / np.abs(centred).max(),
-        detection.sigma_px,
+        CrossingNoise(detection.row, detection.column, detection.sigma_px, detection.scatter),
         ((width - 1) / 2, (height - 1) / 2),
         0.5 * math.hypot(width, height),
         float(np.abs(centred).max()),
@@ -87,10 +106,8 @@ def crossings_of(detection: GridDetection) -> Crossings:
 
 def without_outliers(crossings: Crossings, fitted: GridFit) -> Crossings:
     """Leave out crossings that lie far from a fit."""
-    rest = np.abs(fitted.residual_px / crossings.sigma[:, None]).max(axis=1)
-    keep = rest <= OUTLIER_SIGMAS * robust_sd(rest, about=0)
-    picked = {name: getattr(crossings, name)[keep] for name in ("points", "site", "index", "sigma")}
-    return replace(crossings, **picked)
+    rest = np.abs(fitted.residual_px / crossings.noise.sigma_px[:, None]).max(axis=1)
+    return crossings.picked(rest <= OUTLIER_SIGMAS * robust_sd(rest, about=0))
 
 
 def fit_lens_on_grid(
@@ -115,14 +132,34 @@ def fit_lens_on_grid(
         parameters.add(name, value=value, vary=name in free or name not in POSE)
     for name in _LENS:
         parameters.add(name, value=0.0, vary=name in free)
+    for name in _common(crossings):
+        parameters.add(name, value=0.0)
     if start is not None:
-        for name in parameters:
+        for name in start.result.params.keys() & parameters.keys():
             parameters[name].value = start.result.params[name].value
     arguments = (crossings, inverse)
     found = lmfit.minimize(_weighted, parameters, args=arguments, Dfun=_weighted_slopes, **_SOLVER)
     rest = _residual_px(found.params, crossings, inverse=inverse)
-    shared = shared_scatter(crossings.site[:, 1], crossings.site[:, 0], crossings.points, rest)
-    return GridFit(found, _lens(found.params, crossings, inverse=inverse), rest, shared)
+    return GridFit(found, _lens(found.params, crossings, inverse=inverse), rest, _shared(found.params, crossings, rest))
+
+
+def _shared(parameters: Any, crossings: Crossings, rest: Array) -> float:
+    """Factor for what crossings share that their covariance, if it is known, does not say."""
+    noise = crossings.noise
+    if noise.scatter is None:
+        return shared_scatter(noise.row, noise.column, crossings.points, rest)
+    return shared_factor(noise.row, noise.column, crossings.whitened(rest - _shift_px(parameters, crossings)))
+
+
+def _common(crossings: Crossings) -> list[str]:
+    """Names of what all crossings have in common, in standard uncertainties."""
+    return [f"q{n + 1}" for n in range(crossings.common_px.shape[2])]
+
+
+def _shift_px(parameters: Any, crossings: Crossings) -> Array:
+    """Shift (n, 2), px, of the crossings by what they have in common."""
+    values = np.array([parameters[name].value for name in _common(crossings)])
+    return np.asarray(crossings.common_px @ values)
 
 
 def left_out_u(crossings: Crossings, fitted: GridFit) -> dict[str, float]:
@@ -136,10 +173,8 @@ def left_out_u(crossings: Crossings, fitted: GridFit) -> dict[str, float]:
     right, down = (crossings.site > np.median(crossings.site, axis=0)).T
     fits = []
     for quarter in (right & down, right & ~down, ~right & down, ~right & ~down):
-        picked = {name: getattr(crossings, name)[~quarter] for name in ("points", "site", "index", "sigma")}
-        fits.append(
-            fit_lens_on_grid(replace(crossings, **picked), fitted.free, inverse=fitted.lens.inverse, start=fitted)
-        )
+        rest = crossings.picked(~quarter)
+        fits.append(fit_lens_on_grid(rest, fitted.free, inverse=fitted.lens.inverse, start=fitted))
     names = [name for name in _LENS if name in fitted.free]
     factor = (len(fits) - 1) / len(fits)
     values = np.array([[each.result.params[name].value for name in names] for each in fits])
@@ -211,7 +246,9 @@ def _residual_px(parameters: Any, crossings: Crossings, *, inverse: bool) -> Arr
 
 
 def _weighted(parameters: Any, crossings: Crossings, inverse: bool) -> Array:  # noqa: FBT001 -- lmfit calls it
-    return (_residual_px(parameters, crossings, inverse=inverse) / crossings.sigma[:, None]).ravel()
+    rest = _residual_px(parameters, crossings, inverse=inverse) - _shift_px(parameters, crossings)
+    common = [parameters[name].value for name in _common(crossings)]
+    return np.concatenate([crossings.whitened(rest).ravel(), common])
 
 
 def _weighted_slopes(parameters: Any, crossings: Crossings, inverse: bool) -> Array:  # noqa: FBT001 -- lmfit calls it
@@ -227,9 +264,10 @@ def _weighted_slopes(parameters: Any, crossings: Crossings, inverse: bool) -> Ar
         slopes = np.stack([lens.shrunk(crossings.points, column) for column in np.moveaxis(slopes, 2, 0)], axis=2)
     else:
         slopes = -np.concatenate([by_point @ by_pose, by_lens], axis=2)
-    scaled = slopes * (crossings.half_diagonal / crossings.sigma)[:, None, None]
     free = [n for n, name in enumerate((*_HOMOGRAPHY, *_LENS)) if parameters[name].vary]
-    return scaled.reshape(-1, scaled.shape[2])[:, free]
+    columns = np.concatenate([crossings.half_diagonal * slopes[..., free], -crossings.common_px], axis=2)
+    stated = np.eye(columns.shape[2])[len(free) :]
+    return np.vstack([crossings.whitened(columns).reshape(-1, columns.shape[2]), stated])
 
 
 def _pose_slopes(crossings: Crossings, ideal: Array, depth: Array) -> Array:

@@ -139,11 +139,13 @@ def examine_distortion(
 
     Notes
     -----
-    F = ((S0 - S1) / q) / (g S1 / (2n - p)) with q the terms beyond the p - q of the projective camera, and
-    g the `camera.scatter.shared_scatter` of neighbouring crossings: without it four times as many perfect
-    lenses are found to have distortion. The test keeps the centre at the image centre, because a free one has no
-    meaning without distortion and would spoil the distribution of F; the lens that is returned may have its own. The
-    lens's parameters are asked of the grid as a whole, so displacements far below one pixel are found.
+    F = ((S0 - S1) / q) / (g S1 / (2n - p)) with q the terms beyond the p - q of the projective camera. S are sums of
+    squares of residuals that were made independent by the covariance of the crossings (`LineScatter`): they share
+    points with their neighbours, and the lines' profile with all. The profile's changes are fitted beside the lens,
+    observed to be zero within their u. g is for what is left of correlation (`shared_factor`), from a sheet's waves,
+    say. The test keeps the centre at the image centre, because a free one has no meaning without distortion and would
+    spoil the distribution of F; the lens that is returned may have its own. The lens's parameters are asked of the
+    grid as a whole, so displacements far below one pixel are found.
     """
     if not 1 <= terms <= MAX_TERMS:
         raise FitError(f"{terms} radial terms asked for; 1 to {MAX_TERMS} are possible")
@@ -270,7 +272,7 @@ def _largest_displacement(crossings: Crossings, fitted: GridFit) -> tuple[Estima
     u_all = np.sqrt(np.diag(covariance))
     gradient = np.zeros(len(u_all))
     for i, name in enumerate(fitted.result.var_names):
-        if not name.startswith("h"):
+        if name in fitted.free - POSE:
             moved = fitted.lens_with(name, DERIVATIVE_STEP_U * u_all[i], crossings)
             gradient[i] = (float(moved.outward_px(place)[0]) - value) / (DERIVATIVE_STEP_U * u_all[i])
     u = math.sqrt(max(0.0, float(gradient @ covariance @ gradient)))
@@ -286,7 +288,7 @@ def _coefficients(crossings: Crossings, fitted: GridFit) -> dict[str, Estimate]:
     left_out = left_out_u(crossings, fitted) if "cu" in fitted.free else {}
     found = {}
     for i, name in enumerate(fitted.result.var_names):
-        if name.startswith("h"):
+        if name not in fitted.free - POSE:
             continue
         value, unit, dof = fitted.result.params[name].value, "", float(fitted.result.nfree)
         u = math.sqrt(fitted.covariance[i, i]) if fitted.covariance is not None else math.nan

@@ -57,6 +57,7 @@ def fit_grid_camera(
             lens=lens,
             distortion=distortion,
             index=(detection.row, detection.column),
+            scatter=detection.scatter,
         )
 
     best = solve(_DISTORTION[0])

@@ -11,6 +11,7 @@ from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate.plate_components import stated_components, tilt_components
 from fringecal.camera.plate.plate_problem import Problem, camera_of, deformations_of, first_guess, prepare, residual_px
 from fringecal.camera.plate.plate_solve import MIN_CROSSINGS, Solution, solve_robustly
+from fringecal.detect import LineScatter
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate, UncertaintyComponent
 
@@ -54,6 +55,7 @@ def fit_plate_camera(
     lens: Lens | None = None,
     distortion: tuple[str, ...] = ("k1",),
     index: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
+    scatter: LineScatter | None = None,
 ) -> CameraFit:
     """Fit scale, aspect, tilt and distortion to indexed crossings; priors enter as observations.
 
@@ -83,7 +85,10 @@ def fit_plate_camera(
         Which of Brown's parameters are free.
     index
         Row and column of the crossings: neighbours on a line share points, and the covariance must know
-        (`camera.scatter`). Without it they count as independent.
+        (`crossing_scatter`). Without it they count as independent.
+    scatter
+        What is known of the crossings' covariance, with `index`: neighbours share points, and all share the lines'
+        profile, which is fitted beside the camera.
 
     Raises
     ------
@@ -100,7 +105,9 @@ def fit_plate_camera(
             "The camera's height is not stated, and one square-on grid can never yield it (any focal length "
             "fits equally well). State camera.height_mm = { value, u }, or camera.model, or telecentric = true."
         )
-    problem = prepare(points_px, points_mm, shape, sigma_px, telecentric, distortion, pitch_rel_u, height_mm, lens)
+    problem = prepare(
+        points_px, points_mm, shape, sigma_px, telecentric, distortion, pitch_rel_u, height_mm, lens, index, scatter
+    )
     solution, keep = solve_robustly(problem, first_guess(problem), index)
     return _report(problem, solution, keep)
 

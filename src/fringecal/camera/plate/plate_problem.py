@@ -1,14 +1,17 @@
 """What a camera on the plate is fitted to: crossings of a grid, and what is stated beside them, as residuals."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.camera.distortion.crossing_scatter import CrossingNoise
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
+from fringecal.detect import LineScatter
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate
 
@@ -75,6 +78,7 @@ class Problem:
     stretch_u: float
     height: Estimate | None
     lens: Lens | None
+    noise: CrossingNoise
 
     @property
     def stretch_place(self) -> int:
@@ -88,18 +92,22 @@ class Problem:
 
     @cached_property
     def deformed_px(self) -> Array:
-        """What one pixel of each deformation does to the crossings, along u and along v, (2, deformations, n)."""
+        """What each deformation does to the crossings, along u and along v, (2, deformations, n).
+
+        One pixel of the sheet's, and after these one standard uncertainty of what all crossings have in common.
+        """
         (u0, v0), half = self.start.centre_px, math.hypot(self.start.width_px, self.start.height_px) / 2
         u, v = (self.u - u0) / half, (self.v - v0) / half
         squares, none = np.stack([u * u, u * v, v * v]), np.zeros((3, u.size))
-        return np.stack([np.vstack([v, squares, none]), np.vstack([u, none, squares])])
+        along_u, along_v = np.moveaxis(self.noise.common_px, 2, 0)
+        return np.stack([np.vstack([v, squares, none, along_u]), np.vstack([u, none, squares, along_v])])
 
     @cached_property
     def deformation_u_px(self) -> Array:
         """Standard uncertainty of every deformation."""
         u = np.full(_DEFORMATIONS, _DEFORMATION_U_PX)
         u[0] = _FREE_PX if self.start.telecentric else _DEFORMATION_U_PX
-        return u
+        return np.concatenate([u, np.ones(len(self.noise.common_px))])
 
     @cached_property
     def u_of_zero(self) -> dict[int, float]:
@@ -120,6 +128,8 @@ def prepare(  # noqa: PLR0913, PLR0917 -- gathers what `fit_plate_camera` was gi
     stretch_u: float,
     height: Estimate | None,
     lens: Lens | None,
+    index: tuple[NDArray[np.int64], NDArray[np.int64]] | None,
+    scatter: LineScatter | None,
 ) -> Problem:
     """Gather crossings and statements, and decide which parameters are free."""
     if lens is not None:
@@ -138,8 +148,10 @@ def prepare(  # noqa: PLR0913, PLR0917 -- gathers what `fit_plate_camera` was gi
     free = tuple(i for i, n in enumerate(CAMERA_NAMES) if n in names)
     sigma = np.broadcast_to(np.asarray(sigma_px, float), (len(points_px),)).copy()
     u, v = np.asarray(points_px, float).T
+    none = np.arange(len(u))
+    noise = CrossingNoise(*(index or (none, none)), sigma, None if index is None else scatter)
     x, y = (np.asarray(points_mm, float) - np.mean(points_mm, axis=0)).T
-    return Problem(u, v, x, y, sigma, start, free, math.hypot(stretch_u, _PLACING_REL_U), height, lens)
+    return Problem(u, v, x, y, sigma, start, free, math.hypot(stretch_u, _PLACING_REL_U), height, lens, noise)
 
 
 def _refuse_other_camera(lens: Lens, shape: tuple[int, int], *, telecentric: bool) -> None:
@@ -203,9 +215,8 @@ def first_guess(problem: Problem) -> Array:
     if problem.lens is not None and problem.height is None:
         camera[-1] = problem.lens["fx_px"] * scale
     origin = shift * scale
-    return np.concatenate(
-        [camera[list(problem.free)], [np.angle(gain), origin.real, origin.imag], np.zeros(1 + _DEFORMATIONS)]
-    )
+    pose = [np.angle(gain), origin.real, origin.imag, 0.0]
+    return np.concatenate([camera[list(problem.free)], pose, 0.0 * problem.deformation_u_px])
 
 
 def camera_of(problem: Problem, vector: Array) -> PlateCamera:
@@ -234,6 +245,7 @@ def noticeable(problem: Problem, vector: Array) -> Array:
             shift,
             share,
             *[_DEFORMATION_U_PX] * _DEFORMATIONS,
+            *[1.0] * len(problem.noise.common_px),
         ]
     )
 
@@ -251,14 +263,19 @@ def residual_px(problem: Problem, vector: Array) -> tuple[Array, Array]:
 
 def deformations_of(problem: Problem, vector: Array) -> Array:
     """Return the deformations of the sheet's lines over their standard uncertainties."""
-    return np.asarray(vector[-_DEFORMATIONS:] / problem.deformation_u_px)
+    return np.asarray(vector[-len(problem.deformation_u_px) :] / problem.deformation_u_px)
 
 
-def residuals(problem: Problem, vector: Array, keep: NDArray[np.bool_], factor: float) -> Array:
-    """Return residuals of crossings, and of all that is stated, each over its standard uncertainty."""
+def residuals(
+    problem: Problem, vector: Array, keep: NDArray[np.bool_], factor: float, whitened: Callable[[Array], Array]
+) -> Array:
+    """Return residuals of crossings, and of all that is stated, each over its standard uncertainty.
+
+    `whitened` makes shifts of the crossings that are kept independent, of variance 1 (`CrossingNoise.whitening`).
+    """
     du, dv = residual_px(problem, vector)
-    sigma = problem.sigma[keep] * factor
-    rows = [du[keep] / sigma, dv[keep] / sigma, deformations_of(problem, vector)]
+    crossings = whitened(np.column_stack([du, dv])[keep]).ravel() / factor
+    rows = [crossings, deformations_of(problem, vector)]
     rows.append(np.atleast_1d(vector[problem.stretch_place] / problem.stretch_u))
     rows += [np.atleast_1d(vector[i] / u) for i, u in problem.u_of_zero.items()]
     camera = camera_of(problem, vector)

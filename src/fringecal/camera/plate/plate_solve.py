@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from fringecal.camera.distortion.crossing_scatter import shared_scatter
+from fringecal.camera.distortion.crossing_scatter import shared_factor, shared_scatter
 from fringecal.camera.plate.plate_problem import Problem, noticeable, residual_px, residuals
 from fringecal.errors import FitError
 from fringecal.numerics import robust_sd
@@ -71,7 +71,10 @@ def _known_to(jacobian: Array, steps: Array) -> Array:
 
 
 def _solve(problem: Problem, start: Array, keep: NDArray[np.bool_], factor: float) -> Solution:
-    vector, jacobian = _least_squares(lambda v: residuals(problem, v, keep, factor), start, noticeable(problem, start))
+    whitened = problem.noise.picked(keep).whitening()
+    vector, jacobian = _least_squares(
+        lambda v: residuals(problem, v, keep, factor, whitened), start, noticeable(problem, start)
+    )
     unit = 1 / np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     _, singular, right = np.linalg.svd(jacobian * unit, full_matrices=False)
     if singular[-1] < _LEAST_SINGULAR * singular[0]:
@@ -101,11 +104,22 @@ def solve_robustly(
                 f"Only {np.count_nonzero(keep)} of {keep.size} crossings agree with one flat sheet seen by one "
                 "camera: the sheet is not flat, or lines were confused."
             )
-        spread = np.concatenate([du[keep], dv[keep]]) / np.tile(problem.sigma[keep], 2)
-        factor = math.sqrt(np.sum(spread**2) / max(1, spread.size - solution.vector.size))
-        factor = max(factor, _LEAST_FACTOR)
+        factor = _factor(problem, np.column_stack([du, dv]), keep, solution.vector.size)
         if index is not None:
-            rest = np.where(keep[:, None], np.column_stack([du, dv]), np.nan)
-            factor *= math.sqrt(shared_scatter(*index, np.column_stack([problem.u, problem.v]), rest))
+            factor *= math.sqrt(_shared(problem, np.column_stack([du, dv]), keep))
         solution = _solve(problem, solution.vector, keep, factor)
     return solution, keep
+
+
+def _factor(problem: Problem, rest: Array, keep: NDArray[np.bool_], unknowns: int) -> float:
+    """What the crossings' sigma has to be multiplied by for their residuals to be as large as it says."""
+    spread = problem.noise.picked(keep).whitening()(rest[keep])
+    return max(math.sqrt(np.sum(spread**2) / max(1, spread.size - unknowns)), _LEAST_FACTOR)
+
+
+def _shared(problem: Problem, rest: Array, keep: NDArray[np.bool_]) -> float:
+    """Factor of variance for what crossings share beyond what is known of their covariance."""
+    noise = problem.noise.picked(keep)
+    if noise.scatter is not None:
+        return shared_factor(noise.row, noise.column, noise.whitening()(rest[keep]))
+    return shared_scatter(noise.row, noise.column, np.column_stack([problem.u, problem.v])[keep], rest[keep])

@@ -156,23 +156,36 @@ def intersect(smooth: SmoothMap, horizontal: LocalLines, vertical: LocalLines) -
     The crossing lies within a pixel of the smooth map, where the map's own bend is negligible: two
     straight lines with the deviations' offsets and slopes are intersected.
     """
-    shape = horizontal.coefficients.shape[:2]
-    row, column = np.mgrid[: shape[0], : shape[1]].astype(float)
-    normals, offsets = [], []
+    row, column = _places(horizontal.coefficients.shape)
+    normals = crossing_normals(smooth, horizontal, vertical)
+    offsets = np.stack([horizontal.coefficients[..., 0], vertical.coefficients[..., 0]], axis=-1)
+    return np.asarray(smooth(row, column) + shift_of(normals, offsets))
+
+
+def _places(shape: tuple[int, ...]) -> FloatArray:
+    return np.mgrid[: shape[0], : shape[1]].astype(float)
+
+
+def crossing_normals(smooth: SmoothMap, horizontal: LocalLines, vertical: LocalLines) -> FloatArray:
+    """Normals (rows, columns, 2, 2) of the horizontal and of the vertical line at every crossing, as (u, v)."""
+    row, column = _places(horizontal.coefficients.shape)
+    normals = []
     for family, lines in enumerate((horizontal, vertical)):
         step = smooth.step(row, column, family)
         length = np.hypot(step[..., 0], step[..., 1])
         direction = step / length[..., None]
         normal = np.stack([-direction[..., 1], direction[..., 0]], axis=-1)
         normals.append(normal - (lines.coefficients[..., 1] / length)[..., None] * direction)
-        offsets.append(lines.coefficients[..., 0])
-    (a, b), (p, q) = normals, offsets
+    return np.stack(normals, axis=-2)
+
+
+def shift_of(normals: FloatArray, offsets_px: FloatArray) -> FloatArray:
+    """Shift (..., 2), px, of a crossing whose lines move by (..., 2) along their normals; NaN where they meet flat."""
+    a, b, p, q = normals[..., 0, :], normals[..., 1, :], offsets_px[..., 0], offsets_px[..., 1]
     determinant = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     shift = np.stack([p * b[..., 1] - q * a[..., 1], q * a[..., 0] - p * b[..., 0]], axis=-1)
-    crossing = np.full(shift.shape, np.nan)
     clear = np.abs(determinant) > MIN_CROSSING_SINE
-    crossing[clear] = (smooth(row, column) + shift / np.where(clear, determinant, 1.0)[..., None])[clear]
-    return crossing
+    return np.asarray(np.where(clear[..., None], shift / np.where(clear, determinant, 1.0)[..., None], np.nan))
 
 
 def residuals(family: int, seen: Deviations, sigma_px: FloatArray, lines: LocalLines) -> FloatArray:

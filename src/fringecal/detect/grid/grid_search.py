@@ -11,6 +11,7 @@ from fringecal.detect.boards import MIN_SIDE_PX
 from fringecal.detect.grid.candidates import choose_coarse, refuse_other_patterns
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
+from fringecal.detect.grid.line_scatter import LineScatter
 from fringecal.detect.grid.line_weights import fit_weights
 from fringecal.detect.grid.nodes import edges_between
 from fringecal.detect.grid.refinement import LinePicture, Refined, present_edges, refine_grid, stub_points
@@ -75,6 +76,9 @@ class GridDetection:
         ``"dark"`` or ``"light"`` lines.
     profile
         Width and blur of the lines, px; of the light ones where there are two weights.
+    scatter
+        Covariance of the crossings, in parts; None where it is not known and they count as independent. `sigma_px`
+        holds what each crossing has beside the parts that all have in common.
     """
 
     row: IntArray
@@ -86,6 +90,7 @@ class GridDetection:
     shape: tuple[int, int]
     polarity: Literal["dark", "light"]
     profile: LineProfile
+    scatter: LineScatter | None = None
 
     def family(self, family: Family) -> tuple[GridLine, ...]:
         """Lines of one family by rising index."""
@@ -133,8 +138,7 @@ def find_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") ->
     edges = edges_between(nodes, 0), edges_between(nodes, 1)
     weights = fit_weights(grey, coarse.sign, edges)
     refuse_other_patterns(grey, nodes, weights.profiles[0], coarse.sign)
-    line_picture = LinePicture(grey, weights, coarse.sign)
-    found = refine_grid(line_picture, nodes)
+    line_picture, found = refine_grid(LinePicture(grey, weights, coarse.sign), nodes)
     _refuse_fragments(found)
     return _detection(line_picture, found)
 
@@ -186,7 +190,8 @@ def _detection(line_picture: LinePicture, found: Refined) -> GridDetection:
         tuple(_family_lines(line_picture, found, 0) + _family_lines(line_picture, found, 1)),
         (height, width),
         "light" if line_picture.sign > 0 else "dark",
-        line_picture.weights.profiles[0],
+        line_picture.profiles[0],
+        None if found.scatter is None else found.scatter.at(row, column),
     )
 
 

@@ -25,6 +25,8 @@ MAX_PATCHES = 12
 ITERATIONS = 5
 # A patch keeps off the crossing lines by their reach and this, px, but by no more than this part of the edge.
 CLEAR_OF_CROSSING_PX, MAX_MARGIN_PART = 0.7, 0.4
+# Tables of a line at slants to the pixels, evenly from 0 to 45 deg: half a step changes its height by 1e-3 at most.
+SLANTS = 46
 # A patch is wider than its line to either side by this, px, and by this part of the line's width: the ground there
 # tells the background's slope. It may not reach the next line, but always takes this part of the spacing.
 GROUND_PX, GROUND_PART, MIN_ROOM_PART = 2.0, 0.25, 0.5
@@ -155,7 +157,9 @@ def measure_points(
     width or blur cannot shift c, and the free background slope keeps shading from doing so.
     """
     far = float(patches.half_width.max(initial=1.0)) + 2.0
-    tables = np.ascontiguousarray([profile.table(far).T for profile in profiles])
+    number = table_numbers(patches)
+    tables = slant_tables(profiles, far, number)
+    reaches = np.repeat([profile.reach_px for profile in profiles], SLANTS)
     measured = np.zeros((len(patches.centre), 6))
     over_bands(
         _measure,
@@ -165,8 +169,8 @@ def measure_points(
         patches.direction,
         patches.half_length,
         patches.half_width,
-        patches.kind,
-        (tables, np.array([profile.reach_px for profile in profiles]), tolerance_px),
+        number,
+        (tables, reaches, tolerance_px),
         measured,
     )
     offset, sigma, contrast, sigma_contrast, inside, variance = measured.T
@@ -183,6 +187,23 @@ def measure_points(
     return LinePoints(point[:, 0], point[:, 1], sigma, sign * contrast, status.astype(np.int64), patches.edge)
 
 
+def slant_tables(profiles: Sequence[LineProfile], far_px: float, number: IntArray) -> FloatArray:
+    """Tables (weights x SLANTS, n, 2) of a line's height and slope; those whose number is not asked for are empty."""
+    slants = np.sin(np.linspace(0, np.pi / 4, SLANTS))
+    asked = {int(n): profiles[n // SLANTS].table(far_px, float(slants[n % SLANTS])).T for n in np.unique(number)}
+    length = max((len(table) for table in asked.values()), default=2)
+    tables = np.zeros((len(profiles) * SLANTS, length, 2))
+    for n, table in asked.items():
+        tables[n] = table
+    return tables
+
+
+def table_numbers(patches: Patches) -> IntArray:
+    """Number (n,) of every patch's table among those of all weights and slants."""
+    angle = np.arctan2(*np.sort(np.abs(patches.direction), axis=1).T)
+    return patches.kind * SLANTS + np.rint(angle / (np.pi / 4) * (SLANTS - 1)).astype(np.int64)
+
+
 def _typical(variance: FloatArray) -> float:
     """Median of the positive residual variances."""
     positive = variance[variance > 0]
@@ -190,12 +211,13 @@ def _typical(variance: FloatArray) -> float:
 
 
 @njit(cache=True, inline="always")
-def _clip01(x):  # type: ignore[no-untyped-def] # pragma: no cover
+def clip01(x):  # type: ignore[no-untyped-def] # pragma: no cover
+    """Return x between 0 and 1."""
     return min(max(x, 0.0), 1.0)
 
 
 @njit(cache=True, inline="always")
-def _span(low, high, offset, step, limit):  # type: ignore[no-untyped-def] # pragma: no cover
+def span(low, high, offset, step, limit):  # type: ignore[no-untyped-def] # pragma: no cover
     """Narrow (low, high) to the x with abs(offset + x step) < limit."""
     if abs(step) < NO_SLOPE:
         return (low, high) if abs(offset) < limit else (1.0, 0.0)
@@ -216,12 +238,12 @@ def _accumulate(image, frame, half, table, normal, right):  # type: ignore[no-un
     r1 = rh = rd = rt = rs = squares = 0.0
     for row in range(int(np.ceil(cy - reach_v)), int(np.floor(cy + reach_v)) + 1):
         y = row - cy
-        low, high = _span(-reach_u, reach_u, y * dy, dx, length)
-        low, high = _span(low, high, y * dx, -dy, width)
+        low, high = span(-reach_u, reach_u, y * dy, dx, length)
+        low, high = span(low, high, y * dx, -dy, width)
         for column in range(int(np.ceil(cx + low)), int(np.floor(cx + high)) + 1):
             x = column - cx
             t, s = x * dx + y * dy, y * dx - x * dy
-            w = _clip01(length - abs(t)) * _clip01(width - abs(s))
+            w = clip01(length - abs(t)) * clip01(width - abs(s))
             place = abs(s) / TABLE_STEP_PX
             k = int(place)
             part = place - k

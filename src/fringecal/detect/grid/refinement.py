@@ -9,10 +9,12 @@ import numpy.typing as npt
 from fringecal.detect.grid.crossings import (
     MIN_SIGMA_PX,
     LocalLines,
+    crossing_normals,
     fit_local_lines,
     intersect,
     mark_outliers,
     residuals,
+    shift_of,
 )
 from fringecal.detect.grid.line_points import (
     FINE_PX,
@@ -24,8 +26,11 @@ from fringecal.detect.grid.line_points import (
     cut_patches,
     measure_points,
 )
+from fringecal.detect.grid.line_profile import LineProfile
+from fringecal.detect.grid.line_scatter import LineScatter, line_bands
 from fringecal.detect.grid.line_weights import Weights, line_kinds
 from fringecal.detect.grid.nodes import Edges, edges_between, predict_missing, stubs
+from fringecal.detect.grid.raster_profile import ProfileFit, chosen, fit_to_pixels, joined, patch_facts, some_patches
 from fringecal.detect.grid.seeds import MIN_CROSSINGS
 from fringecal.detect.grid.shape_map import SmoothMap, deviations, fit_to_nodes, fit_to_points
 from fringecal.detect.grid.tears import without_torn_islands
@@ -71,11 +76,20 @@ MIN_MAPPED = 0.7
 
 @dataclass(frozen=True)
 class LinePicture:
-    """A grey picture with the expected cross-sections of its lines and their sign (-1 dark, +1 light)."""
+    """A grey picture with the expected cross-sections of its lines and their sign (-1 dark, +1 light).
+
+    `weights` tell where lines lie and how far they reach, tails and all; `fitted`, once there is one, measures them.
+    """
 
     grey: npt.NDArray[np.float32]
     weights: Weights
     sign: int
+    fitted: ProfileFit | None = None
+
+    @property
+    def profiles(self) -> tuple[LineProfile, ...]:
+        """Cross-sections by which lines are measured, one for each weight."""
+        return self.weights.profiles if self.fitted is None else self.fitted.profiles
 
     def blurred(self, blur_px: float) -> "LinePicture":
         """Return one that expects broader lines, and so catches them from further off."""
@@ -98,10 +112,11 @@ class Refined:
     points: tuple[LinePoints, LinePoints]
     lines: tuple[LocalLines, LocalLines]
     kinds: tuple[IntArray, IntArray]
+    scatter: LineScatter | None = None
 
 
-def refine_grid(line_picture: LinePicture, nodes: FloatArray) -> Refined:
-    """Extend coarse crossings to the whole grid and make them sub-pixel.
+def refine_grid(line_picture: LinePicture, nodes: FloatArray) -> tuple[LinePicture, Refined]:
+    """Extend coarse crossings to the whole grid and make them sub-pixel; the picture's profiles are made exact, too.
 
     Parameters
     ----------
@@ -127,7 +142,56 @@ def refine_grid(line_picture: LinePicture, nodes: FloatArray) -> Refined:
         if not (seen & ~known).any() and seen.sum() >= MIN_KEPT * known.sum():
             break
         capture, (nodes, smooth) = line_picture, _cropped(nodes, found.smooth)
-    return _trimmed(_round(line_picture, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX))
+    line_picture = _with_pixels_profile(line_picture, nodes)
+    found = _round(line_picture, nodes, np.isfinite(nodes[..., 0]), tolerance_px=FINE_PX)
+    return line_picture, _trimmed(replace(found, scatter=_scatter(line_picture, found)))
+
+
+def _with_pixels_profile(line_picture: LinePicture, nodes: FloatArray) -> LinePicture:
+    """Line picture whose profiles were fitted to the pixels of patches all over the sheet."""
+    edges = (edges_between(nodes, 0), edges_between(nodes, 1))
+    kinds = line_picture.kinds(edges, nodes.shape[:2])
+    weights = line_picture.weights
+    cut = [cut_patches(edges[k], weights.profiles, _edge_kinds(edges[k], kinds, k, 1)) for k in (0, 1)]
+    some = some_patches(joined(cut))
+    points = measure_points(line_picture.grey, some, weights.profiles, line_picture.sign)
+    good = points.status == LineStatus.OK
+    placed = replace(some, centre=np.stack([points.u_px, points.v_px], axis=1))
+    spacing_px = float(np.median(np.concatenate([each.spacing for each in edges])))
+    fitted = fit_to_pixels(line_picture.grey, chosen(placed, good), weights.profiles, spacing_px)
+    return replace(line_picture, fitted=fitted)
+
+
+def _scatter(line_picture: LinePicture, found: Refined) -> LineScatter:
+    """What the errors of the crossings share, for all sites of the grid."""
+    shape = (found.nodes.shape[0], found.nodes.shape[1])
+    bands, common = [], []
+    for family in (0, 1):
+        edges, points = found.edges[family], found.points[family]
+        usable = points.status == LineStatus.OK
+        seen = deviations(found.smooth, family, edges, points)
+        bands.append(line_bands(shape, family, seen, points.sigma_px, usable, found.lines[family]))
+        slopes = _profile_slopes(line_picture, found, family)
+        common.append([
+            fit_local_lines(shape, family, replace(seen, offset_px=slope), points.sigma_px, usable).coefficients[..., 0]
+            for slope in slopes
+        ])  # fmt: skip
+    normals = crossing_normals(found.smooth, *found.lines)
+    shifts = shift_of(normals, np.moveaxis(np.array(common), 0, -1))
+    return LineScatter(normals, np.stack(bands, axis=2), shifts)
+
+
+def _profile_slopes(line_picture: LinePicture, found: Refined, family: int) -> FloatArray:
+    """Shift (modes, n), px, of every point of a family by one standard uncertainty of the profiles."""
+    edges, points, profiles = found.edges[family], found.points[family], line_picture.profiles
+    patches = cut_patches(edges, line_picture.weights.profiles, _edge_kinds(edges, found.kinds, family, 1))
+    placed = replace(patches, centre=np.stack([points.u_px, points.v_px], axis=1))
+    slopes = np.nan_to_num(patch_facts(line_picture.grey, placed, profiles)[:, 6:8])
+    shifts = np.zeros((len(profiles), 2, len(slopes)))
+    modes_of = np.zeros((0, 2, 2)) if line_picture.fitted is None else line_picture.fitted.modes
+    for kind, modes in enumerate(modes_of):
+        shifts[kind] = np.where(patches.kind == kind, modes @ slopes.T, 0.0)
+    return shifts.reshape(-1, len(slopes))
 
 
 def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> tuple[BoolArray, FloatArray, BoolArray]:
@@ -237,7 +301,7 @@ def _measured(
     own = _edge_kinds(edges[family], kinds, family, 1)
     patches = cut_patches(edges[family], profiles, own, most=most, longest_px=longest_px)
     return _drop_faint(
-        measure_points(line_picture.grey, patches, profiles, line_picture.sign, tolerance_px=tolerance_px)
+        measure_points(line_picture.grey, patches, line_picture.profiles, line_picture.sign, tolerance_px=tolerance_px)
     )
 
 
@@ -304,7 +368,10 @@ def _trimmed(found: Refined) -> Refined:
     smooth = replace(found.smooth, middle=found.smooth.middle - np.array(first))
     lines = tuple(LocalLines(each.coefficients[cut], each.covariance[cut]) for each in found.lines)
     kinds = found.kinds[0][cut[0]], found.kinds[1][cut[1]]
-    return Refined(found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]), kinds)
+    scatter = None if found.scatter is None else found.scatter.at(*cut)
+    return Refined(
+        found.nodes[cut], found.sigma_px[cut], smooth, edges, found.points, (lines[0], lines[1]), kinds, scatter
+    )
 
 
 def stub_points(line_picture: LinePicture, found: Refined, family: int, way: int) -> tuple[Edges, LinePoints]:
@@ -312,7 +379,7 @@ def stub_points(line_picture: LinePicture, found: Refined, family: int, way: int
     edges = stubs(found.nodes, family, way)
     profiles = line_picture.weights.profiles
     patches = cut_patches(edges, profiles, _edge_kinds(edges, found.kinds, family, way))
-    points = measure_points(line_picture.grey, patches, profiles, line_picture.sign)
+    points = measure_points(line_picture.grey, patches, line_picture.profiles, line_picture.sign)
     base = found.points[family]
     typical = np.median(base.contrast[base.status == LineStatus.OK])
     offset = np.hypot(points.u_px - patches.centre[:, 0], points.v_px - patches.centre[:, 1])

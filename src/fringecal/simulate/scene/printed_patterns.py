@@ -94,7 +94,7 @@ def pattern_table(pattern: Pattern) -> PatternTable:
 @compiled
 def ink_share(table: PatternTable, x: float, y: float, soft_mm: float) -> float:
     """Reflectance of a spot of width `soft_mm`: paper and ink mixed by the share each has of the spot."""
-    depth, _ = _signed_depth(table, x, y)
+    depth, _ = _signed_depth(table, x, y, soft_mm)
     share = min(1.0, max(0.0, 0.5 + depth / soft_mm))
     return table.paper + (table.ink - table.paper) * share
 
@@ -102,19 +102,22 @@ def ink_share(table: PatternTable, x: float, y: float, soft_mm: float) -> float:
 @compiled
 def edge_distance(table: PatternTable, x: float, y: float) -> float:
     """Distance in mm, or a lower bound of it, from a point of the flat to the nearest edge of ink."""
-    return _signed_depth(table, x, y)[1]
+    return _signed_depth(table, x, y, 0.0)[1]
 
 
 @compiled
-def _signed_depth(table: PatternTable, x: float, y: float) -> tuple[float, float]:
-    """Depth inside the ink (negative outside), and the distance to the nearest edge of any kind."""
+def _signed_depth(table: PatternTable, x: float, y: float, soft_mm: float) -> tuple[float, float]:
+    """Depth inside the ink (negative outside), and the distance to the nearest edge of any kind.
+
+    The depth counts for a spot of width `soft_mm`: a line that is thinner never fills it.
+    """
     if table.kind == PLAIN and table.specks.shape[0] == 0:
         return -FAR_MM, FAR_MM
     dx, dy = x - table.x0, y - table.y0
     px, py = table.cos * dx + table.sin * dy, -table.sin * dx + table.cos * dy
     depth, edge = -FAR_MM, FAR_MM
     if table.kind == LINES:
-        depth, edge = _lines(table, px, py)
+        depth, edge = _lines(table, px, py, soft_mm)
     elif table.kind == SQUARES:
         depth, edge = _board(table, px, py)
     elif table.kind == DOTS:
@@ -126,22 +129,28 @@ def _signed_depth(table: PatternTable, x: float, y: float) -> tuple[float, float
 
 
 @compiled
-def _line_depth(table: PatternTable, across: float, along: float, n: int, reach: float) -> float:
-    """Depth inside the nearest of `n` parallel lines of half length `reach`."""
+def _line_depth(
+    table: PatternTable, across: float, along: float, n: int, reach: float, soft_mm: float
+) -> tuple[float, float]:
+    """Depth inside the nearest of `n` parallel lines of half length `reach`, for a spot and for a point.
+
+    A line of width w covers at most w / soft of the spot, which is the share that a depth of w - soft / 2 stands for.
+    """
     first = -0.5 * (n - 1) * table.pitch
     i = min(n - 1, max(0, int(np.floor((across - first) / table.pitch + 0.5))))
     width = table.heavy_width if table.heavy_every > 0 and i % table.heavy_every == 0 else table.width
-    return min(0.5 * width - abs(across - first - i * table.pitch), reach - abs(along))
+    depth = min(0.5 * width - abs(across - first - i * table.pitch), reach - abs(along))
+    return min(depth, width - 0.5 * soft_mm), depth
 
 
 @compiled
-def _lines(table: PatternTable, x: float, y: float) -> tuple[float, float]:
+def _lines(table: PatternTable, x: float, y: float, soft_mm: float) -> tuple[float, float]:
     # Lines end flush with the outer edge of the outermost crossing lines.
     reach_x = 0.5 * ((table.nx - 1) * table.pitch + table.width)
     reach_y = 0.5 * ((table.ny - 1) * table.pitch + table.width)
-    vertical = _line_depth(table, x, y, table.nx, reach_y)
-    horizontal = _line_depth(table, y, x, table.ny, reach_x)
-    return max(vertical, horizontal), min(abs(vertical), abs(horizontal))
+    vertical, to_vertical = _line_depth(table, x, y, table.nx, reach_y, soft_mm)
+    horizontal, to_horizontal = _line_depth(table, y, x, table.ny, reach_x, soft_mm)
+    return max(vertical, horizontal), min(abs(to_vertical), abs(to_horizontal))
 
 
 @compiled
