@@ -59,7 +59,7 @@ class Samples(NamedTuple):
     inner, outer
         Offsets in px, shape (m, 2), for pixels inside a surface and for those at an edge.
     soft_mm
-        Width over which ink ends, mm.
+        Width of the spot over which ink is mixed with paper, mm.
     """
 
     edges: np.ndarray
