@@ -25,9 +25,12 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 # Patches that the profile is fitted to: their 100,000 pixels know it far better than a crossing asks.
-MOST_PATCHES = 3_000
-# Rounds of the fit; a round that changes width and blur by less than this part is the last one.
-ROUNDS, CONVERGED = 15, 1e-3
+MOST_PATCHES = 2_000
+# Rounds of the fit; the last one is that which changes width and blur by less than this part, or by less than this
+# share of their standard uncertainties.
+ROUNDS, CONVERGED, CONVERGED_U = 15, 1e-3, 0.1
+# Shifts by one standard uncertainty of width and blur that are none, px: a hundredth of what a crossing is known to.
+NO_SHIFT_PX = 2e-5
 # Largest change of a logarithm in one round: beyond, first derivatives say nothing.
 MOST_CHANGE = 0.5
 # Step of derivatives by the logarithms of width and blur: their error is a part of 1e-5.
@@ -53,15 +56,19 @@ _FIELDS = tuple(Patches.__dataclass_fields__)
 
 @dataclass(frozen=True)
 class ProfileFit:
-    """Cross-sections, one for each weight, and the covariance (weights, 2, 2) of the logarithms of width and blur."""
+    """Cross-sections, one for each weight, and the covariance (weights, 2, 2) of the logarithms of width and blur.
+
+    `matters` tells whether this doubt moves any line.
+    """
 
     profiles: tuple[LineProfile, ...]
     covariance: FloatArray
+    matters: bool = True
 
     @property
     def modes(self) -> FloatArray:
         """Independent changes (weights, 2, 2) of both logarithms, of one standard uncertainty each, in rows."""
-        return np.swapaxes(np.linalg.cholesky(self.covariance), 1, 2)
+        return _modes(self.covariance)
 
 
 def fit_to_pixels(
@@ -96,9 +103,16 @@ def fit_to_pixels(
         step = np.clip(step, -MOST_CHANGE, MOST_CHANGE)
         values = np.clip(values + step, np.log(LEAST_PX), np.log(MOST_PX))
         patches = _moved(patches, facts, step)
-        if np.abs(step).max() < CONVERGED:
+        u = np.sqrt(np.einsum("kii->ki", covariance))
+        if (np.abs(step) < np.maximum(CONVERGED, CONVERGED_U * u)).all():
             break
-    return ProfileFit(_profiles(values), covariance)
+    shifts = np.einsum("nab,nb->na", _modes(covariance)[patches.kind], np.nan_to_num(facts[:, 6:8]))
+    return ProfileFit(_profiles(values), covariance, bool(np.abs(shifts).max(initial=0.0) > NO_SHIFT_PX))
+
+
+def _modes(covariance: FloatArray) -> FloatArray:
+    """Rows of changes by one standard uncertainty each, of covariances (weights, 2, 2)."""
+    return np.swapaxes(np.linalg.cholesky(covariance), 1, 2)
 
 
 def joined(parts: Sequence[Patches]) -> Patches:

@@ -165,33 +165,32 @@ def _with_pixels_profile(line_picture: LinePicture, nodes: FloatArray) -> LinePi
 def _scatter(line_picture: LinePicture, found: Refined) -> LineScatter:
     """What the errors of the crossings share, for all sites of the grid."""
     shape = (found.nodes.shape[0], found.nodes.shape[1])
+    fitted = line_picture.fitted
     bands, common = [], []
     for family in (0, 1):
         edges, points = found.edges[family], found.points[family]
         usable = points.status == LineStatus.OK
         seen = deviations(found.smooth, family, edges, points)
         bands.append(line_bands(shape, family, seen, points.sigma_px, usable, found.lines[family]))
-        slopes = _profile_slopes(line_picture, found, family)
+        none = np.zeros((0, len(points.edge)))
+        shifts = _profile_shifts(line_picture, fitted, found, family) if fitted and fitted.matters else none
         common.append([
-            fit_local_lines(shape, family, replace(seen, offset_px=slope), points.sigma_px, usable).coefficients[..., 0]
-            for slope in slopes
+            fit_local_lines(shape, family, replace(seen, offset_px=shift), points.sigma_px, usable).coefficients[..., 0]
+            for shift in shifts
         ])  # fmt: skip
     normals = crossing_normals(found.smooth, *found.lines)
-    shifts = shift_of(normals, np.moveaxis(np.array(common), 0, -1))
-    return LineScatter(normals, np.stack(bands, axis=2), shifts)
+    modes = [shift_of(normals, np.stack(both, axis=-1)) for both in zip(*common, strict=True)]
+    return LineScatter(normals, np.stack(bands, axis=2), np.array(modes).reshape(-1, *shape, 2))
 
 
-def _profile_slopes(line_picture: LinePicture, found: Refined, family: int) -> FloatArray:
+def _profile_shifts(line_picture: LinePicture, fitted: ProfileFit, found: Refined, family: int) -> FloatArray:
     """Shift (modes, n), px, of every point of a family by one standard uncertainty of the profiles."""
-    edges, points, profiles = found.edges[family], found.points[family], line_picture.profiles
+    edges, points = found.edges[family], found.points[family]
     patches = cut_patches(edges, line_picture.weights.profiles, _edge_kinds(edges, found.kinds, family, 1))
     placed = replace(patches, centre=np.stack([points.u_px, points.v_px], axis=1))
-    slopes = np.nan_to_num(patch_facts(line_picture.grey, placed, profiles)[:, 6:8])
-    shifts = np.zeros((len(profiles), 2, len(slopes)))
-    modes_of = np.zeros((0, 2, 2)) if line_picture.fitted is None else line_picture.fitted.modes
-    for kind, modes in enumerate(modes_of):
-        shifts[kind] = np.where(patches.kind == kind, modes @ slopes.T, 0.0)
-    return shifts.reshape(-1, len(slopes))
+    slopes = np.nan_to_num(patch_facts(line_picture.grey, placed, fitted.profiles)[:, 6:8])
+    shifts = [np.where(patches.kind == kind, modes @ slopes.T, 0.0) for kind, modes in enumerate(fitted.modes)]
+    return np.concatenate(shifts)
 
 
 def _extended(nodes: FloatArray, smooth: SmoothMap, shape: tuple[int, ...]) -> tuple[BoolArray, FloatArray, BoolArray]:
