@@ -1,13 +1,27 @@
 """How tests are shared out among workers: those of a file go to one, files that use one rig too, the longest first.
 
 What a fixture of wide scope makes, each worker makes for itself, and a rig takes longer to commission than most that is
-done with it.
+done with it. Workers, and the commands that tests start, inherit what is set here for all.
 """
+
+import os
+import sys
+from pathlib import Path
 
 import pytest
 
+# Before numpy is loaded, as the command sets it: a worker has one processor.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+if sys.dont_write_bytecode:  # where nothing is written beside sources, each command would compile every library anew
+    sys.pycache_prefix = str(Path(__file__).parents[1] / ".pytest_cache" / "bytecode")
+    sys.dont_write_bytecode = False
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 #: Files that go to one worker, since they share what takes long to make. The longest come first, so that no worker is
-#: left alone with one of them at the end.
+#: left alone with one of them at the end. The first two begin at once: they have few compiled functions in common, for
+#: what one worker has compiled the others find.
 TOGETHER = {
     "the command on the oblique rig": (
         "cli/test_results.py",
@@ -20,18 +34,20 @@ TOGETHER = {
         "cli/test_serve_sessions.py",
         "cli/test_wrong_input.py",
     ),
+    "drawn grids": ("camera/test_camera_campaign.py", "camera/test_grid_pictures.py", "detect/test_grid_virtual.py"),
     "the thesis's rig": ("workflows/test_thesis_rig.py", "workflows/test_artefacts.py"),
+    "pages": ("cli/test_pages.py",),
     "the oblique rig": (
         "workflows/test_angle.py",
         "workflows/test_camera_height.py",
         "workflows/test_oblique_rig.py",
         "workflows/test_reports.py",
     ),
-    "pages": ("cli/test_pages.py",),
     "library": ("library/test_library.py",),
-    "workers": ("workflows/test_study.py",),
     "audits": ("workflows/test_audit.py",),
+    "workers": ("workflows/test_study.py",),
     "records": ("workflows/test_rerun.py",),
+    "leaves": ("reconstruct/test_leaf.py",),
 }
 GROUPS = {f"tests/{file}": group for group, files in TOGETHER.items() for file in files}
 RANKS = {group: rank for rank, group in enumerate(TOGETHER)}

@@ -48,6 +48,16 @@ def run(capfd):
     return command
 
 
+@pytest.fixture
+def blank_figures(monkeypatch):
+    """Blank pictures in the place of figures, for a command whose figures another test has drawn."""
+    from fringecal.report import views
+
+    from .victims import blank
+
+    monkeypatch.setattr(views, "_encoded", blank)
+
+
 @pytest.fixture(scope="session")
 def data(request) -> Path:
     return request.config.rootpath / "tests" / "data"

@@ -3,6 +3,7 @@
 import json
 import re
 
+import pytest
 from jsonschema import Draft202012Validator
 
 from fringecal.history.review import series_of
@@ -54,6 +55,7 @@ def demand_in_history(run, out, db, record):
     assert series_of(rows).limit == scale["limit"]
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_limit_of_the_laboratory_decides(run, session, calibration, tmp_path):
     (session / "limits.toml").write_text("format = 1\n[audit]\nnoise_percent = 1e-9\nmodulation_percent = 1e-9\n")
     outcome = run("audit", session, "--calibration", calibration, "--out", tmp_path / "audit")

@@ -40,6 +40,7 @@ def test_an_older_result_survives(data, calibration, tmp_path, name):
         assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration"]
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_a_failure_while_writing_leaves_nothing(run, data, calibration, tmp_path, monkeypatch):
     """The disk is full at the last file: what was there before stays, nothing new appears."""
     import fringecal.records.exports.surface_files as surfaces

@@ -101,6 +101,7 @@ def test_verify(run, data, calibration, tmp_path):
     demand_no_leftovers(out)
 
 
+@pytest.mark.usefixtures("blank_figures")
 def test_verify_for_people_can_be_read_on_80_columns(run, data, calibration, tmp_path):
     options = ("--calibration", calibration, "--out", tmp_path / "v", "--rows", "200,300", "--no-filters")
     outcome = run("verify", data / "oblique", *options)

@@ -1,5 +1,6 @@
 """What made a result: versions of the software, and the hash of a file."""
 
+import functools
 import hashlib
 import platform
 from importlib import metadata
@@ -21,9 +22,14 @@ def software_versions() -> dict[str, str]:
     >>> {"fringecal", "python", "numpy"} <= set(software_versions())
     True
     """
-    versions = {"fringecal": __version__, "python": platform.python_version()}
-    installed = {(entry.name or "").lower(): entry.version for entry in metadata.distributions()}
-    return versions | {name: installed[name] for name in _PACKAGES if name in installed}
+    return {"fringecal": __version__, "python": platform.python_version(), **_installed()}
+
+
+@functools.cache
+def _installed() -> dict[str, str]:
+    """Read the packages' own files once: all that are installed take half a second."""
+    versions = {(entry.name or "").lower(): entry.version for entry in metadata.distributions()}
+    return {name: versions[name] for name in _PACKAGES if name in versions}
 
 
 def sha256_of(path: str | Path) -> str:

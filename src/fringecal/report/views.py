@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from fringecal.report.structure import AS_U, DOF, FigureItem, Report, Table
 from fringecal.report.style import RC
@@ -71,10 +73,14 @@ def figure_bytes(item: FigureItem) -> bytes:
 
 
 def _encoded(item: FigureItem) -> bytes:
-    buffer = io.BytesIO()
-    metadata = {"Date": None} if item.encoding == "svg" else {"Software": None}
+    """Draw and encode by the canvas itself: `savefig` draws everything twice, the first time for the layout only."""
+    buffer, figure = io.BytesIO(), item.figure
+    figure.set_dpi(_PNG_DPI)
     with mpl.rc_context(RC):
-        item.figure.savefig(buffer, format=item.encoding, dpi=_PNG_DPI, metadata=metadata)
+        if item.encoding == "svg":
+            FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None})
+        else:
+            FigureCanvasAgg(figure).print_png(buffer, metadata={"Software": None})
     return buffer.getvalue()
 
 
