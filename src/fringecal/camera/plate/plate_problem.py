@@ -29,9 +29,8 @@ _CENTRING = ("cu_px", "cv_px")
 #: it, which says nothing of the direction: the camera counts as square on the plate, and heights are the same; but the
 #: projection angle is measured from the normal.
 TELECENTRIC_TILT_RAD = math.radians(1.0)
-#: How far lines may be out of place at half a diagonal from the image centre: lines nearly along the pixels, of a pitch
-#: near a whole number of them, are placed with an error that walks slowly over the picture (0.005 px on drawn pictures,
-#: 0.02 px at most), and no paper lies flatter. Left out, a long lens takes it for tilt.
+#: How far lines may be out of place at half a diagonal from the image centre: no paper lies flatter, and no ruling is
+#: straighter. Left out, a long lens takes it for tilt.
 _DEFORMATION_U_PX = 0.005
 _DEFORMATIONS = 7  # a shear; u^2, uv, v^2 in either coordinate
 _FREE_PX = (

@@ -91,11 +91,17 @@ def _fine_lattice_near(level: npt.NDArray[np.float32], middle_px: FloatArray, si
 
 
 def _pyramid(image: npt.NDArray[np.float32]) -> Iterator[tuple[npt.NDArray[np.float32], int]]:
-    """Yield the picture averaged over 1, 2, 4 ... pixels, with the factor."""
+    """Yield the picture averaged over 1, 2, 4 ... pixels, with the factor.
+
+    Pixels are halved with the weights 1, 3, 3, 1, which keep the place of what is narrower than a pixel of the next
+    level. Means of two alone would put a line anywhere within the pixel to its middle, and lines whose spacing is a
+    whole number of them all to the same side.
+    """
     level, factor = image, 1
     while min(level.shape) >= COARSEST_LEVEL_PX:
         yield level, factor
         height, width = level.shape[0] // 2, level.shape[1] // 2
+        level = cv2.GaussianBlur(level, (3, 3), 0)  # the weights 1, 2, 1
         level = cv2.resize(level[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
         factor *= 2
 
