@@ -20,7 +20,7 @@ def campaign():
 
 
 # The first two were refused, and had 16 slipped crossings: the lattice had grown along a diagonal.
-@pytest.mark.parametrize(("seed", "number"), [(2, 12), (3, 46), *((11, n) for n in range(6))])
+@pytest.mark.parametrize(("seed", "number"), [(2, 12), (3, 46), *((11, n) for n in range(5))])
 def test_random_cameras(seed, number, campaign):
     trial = campaign.trial(seed, number)
     assert trial.slips == 0

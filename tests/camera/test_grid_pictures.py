@@ -143,12 +143,12 @@ def test_a_wrong_pitch_shows_in_the_height_when_the_lens_is_known(campaign):
 
 
 def test_campaign_of_virtual_cameras(campaign):
-    trials = campaign.run(3, 9)
-    assert len(trials) >= 8
+    trials = campaign.run(3, 5)
+    assert len(trials) >= 4
     above = [t for t in trials if abs(t.displacement_px) > t.test.detection_limit_px]
     assert above
     assert all(t.right for t in above)  # 99 % each
-    # 95 % each: more than 3 of 9 outside in 0.06 % of cases.
-    assert sum(t.covered for t in trials) >= len(trials) - 3
+    # 95 % each: more than 2 of 5 outside in 0.12 % of cases.
+    assert sum(t.covered for t in trials) >= len(trials) - 2
     straight = [t for t in trials if t.displacement_px == 0]
-    assert sum(t.test.verdict != "none" for t in straight) <= 2  # 5 % each: 3 of 9 in 0.8 % of cases
+    assert sum(t.test.verdict != "none" for t in straight) <= 2  # 5 % each: 3 of 5 in 0.12 % of cases

@@ -110,7 +110,7 @@ def trace_centres(
     """
     for v in range(first, last):
         for u in range(keys.shape[1]):
-            (x, y, z), cosine, surface, _, _ = trace_pixel(camera, projector, world, u, v)
+            (x, y, z), cosine, surface, _, _ = trace_pixel(camera, projector, world, float(u), float(v))
             maps[0, v, u], maps[1, v, u], maps[2, v, u] = x, y, z
             maps[3, v, u] = phase_at(projector, x, y, z)
             maps[4, v, u] = cosine
