@@ -31,6 +31,7 @@ from fringecal.workflows.verify import Verification, artefact_checks, verificati
 
 WIDTH_PX, HEIGHT_PX = 380, 340
 RANDOM_RIGS = 4
+EXPOSURE = 0.75  # of the plate's own
 KINDS = ("strips", "zigzag", "steps", "wedge", "box", "flat", "tilted-flat", "sphere", "ball-bar")
 WRONGS = ("size", "size-much", "frame", "fringe", "lifted", "other")
 
@@ -222,15 +223,17 @@ SIZE_KEY = {
 def wronged(doc: dict[str, Any], wrong: str, rig: RigSpec, rng: np.random.Generator) -> dict[str, Any]:
     """Return an artefact that is not what its certificate says: by so much, or by a whole fringe."""
     key = SIZE_KEY.get(doc["kind"])
-    if key is None or key not in doc or wrong not in ("size", "size-much", "fringe"):
+    if wrong not in ("size", "size-much", "fringe"):
         return doc
+    if key is None or key not in doc:
+        raise FringecalError("nothing to be wrong about")
     value = np.array(doc[key]["value"], float)
     factor = {"size": 1.03, "size-much": rng.choice([0.85, 1.2]), "fringe": 1.0}[wrong]
     value = value * factor
     if wrong == "fringe" and doc["kind"] in ("box", "flat", "steps", "strips", "sphere"):
         value = value + fringe_height_mm(rig) * rng.choice([1, 2])
     elif wrong == "fringe":
-        return doc
+        raise FringecalError("no whole fringe to be wrong by")
     return doc | {key: doc[key] | {"value": value.tolist() if value.ndim else float(value)}}
 
 
@@ -322,7 +325,8 @@ def case(kind: str, seed: int, rig_name: str, rig: RigSpec, wrong: str | None = 
         scene = together([scene, other]) if other is not None else scene
     if wrong == "lifted":
         scene = lifted(scene, rng)
-    frames = render(rig, scene, seed=[seed, 7]).frames
+    # Flanks that face the lamp are brighter than the plate: exposed so that they do not saturate.
+    frames = render(rig.at(light={"mid_grey": EXPOSURE * rig.light.mid_grey}), scene, seed=[seed, 7]).frames
     if wrong == "frame":
         frames = with_frame_moved(frames, rig, rng)
     words = "".join(word * given for word, given in ((" in shadow", shadow), (" beside another", second)))

@@ -17,7 +17,7 @@ from fringecal.projector import (
     StripPhase,
     explained,
     measure_strips,
-    order_strips,
+    order_like_strips,
     pick_points,
 )
 from fringecal.targets import Strips
@@ -127,7 +127,7 @@ def strips_on_plate(
         height = float(np.mean(target.height_mm.array(target.count)))
         raise explained(error, plate.unwrapped_rad, camera, height, projector_mm) from error
     progress("fringe order of the strips")
-    ordered = order_strips(
+    found, ordered = order_like_strips(
         plate.unwrapped_rad,
         found,
         camera,

@@ -107,6 +107,9 @@ from .orders.strip_orders import (
     OrderedStrips as OrderedStrips,
 )
 from .orders.strip_orders import (
+    order_like_strips as order_like_strips,
+)
+from .orders.strip_orders import (
     order_strips as order_strips,
 )
 from .orders.whole_fringes import (

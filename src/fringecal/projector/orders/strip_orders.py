@@ -10,7 +10,7 @@ from fringecal.errors import FitError
 from fringecal.projector.joint_fit import PhasePoints
 from fringecal.projector.orders.order_decision import CLEARLY, OrderDecision, decide_order
 from fringecal.projector.sampling import pick_points
-from fringecal.projector.standards.strip_phase import StripPhase, numberings
+from fringecal.projector.standards.strip_phase import StripPhase, averaged_numberings, numberings
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,30 @@ def order_strips(
     offsets[:] = np.nan
     offsets[numbers] = 2 * np.pi * np.array([_agreeing(*pair) for pair in zip(decision.orders, known, strict=True)])
     return OrderedStrips(absolute + offsets[strips.pieces], items, decision)
+
+
+def order_like_strips(
+    plate_phase: Array,
+    strips: StripPhase,
+    camera: PlateCamera,
+    *,
+    projector_mm: Array | None = None,
+    measured: MeasuredStep | None = None,
+) -> tuple[StripPhase, OrderedStrips]:
+    """Order strips as `order_strips`; where it is open which is which and they are nearly alike, by their mean heights.
+
+    Returns
+    -------
+    tuple
+        The strips with the heights that were used, and their orders.
+    """
+    try:
+        return strips, order_strips(plate_phase, strips, camera, projector_mm=projector_mm, measured=measured)
+    except FitError:
+        averaged = averaged_numberings(strips) if len(numberings(strips)) > 1 else None
+        if averaged is None:
+            raise
+    return averaged, order_strips(plate_phase, averaged, camera, projector_mm=projector_mm, measured=measured)
 
 
 def _agreeing(order: int, measured: tuple[int, int] | None) -> int:

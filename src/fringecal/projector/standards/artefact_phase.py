@@ -12,7 +12,7 @@ from fringecal.numerics import wrap
 from fringecal.projector.rig_calibration import Observations, RigCalibration
 from fringecal.projector.sampling import pick_points
 from fringecal.projector.standards.placing import NEAR_RAD, ArtefactPlace, place_artefact
-from fringecal.projector.standards.strip_phase import StripPhase, numberings
+from fringecal.projector.standards.strip_phase import StripPhase, averaged_numberings, numberings
 from fringecal.projector.standards.target_facets import Facet, facets_of
 from fringecal.targets import Target
 from fringecal.uncertainty import Estimate, Influence, UncertaintyComponent
@@ -94,7 +94,7 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
     Parameters
     ----------
     strips
-        The strips' phase difference to the plate; they must all be of one height, or be distinguished by their order.
+        The strips' phase difference to the plate; of one nominal height, or to be distinguished by their order.
     plate_phase_rad
         Map of the plate's unwrapped phase.
     calibration
@@ -106,6 +106,8 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
         It is open which strip is which.
     """
     items = numberings(strips)
+    if len(items) != 1 and (averaged := averaged_numberings(strips)) is not None:
+        strips, items = averaged, numberings(averaged)
     if len(items) != 1:
         raise FitError(
             "The strips differ in height and it is open which is which; use strips of one height as a second set."

@@ -1,6 +1,6 @@
 """The strips' phase, pixel by pixel: which strip, how high, and its phase difference to the plate."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 _MIN_PIECE = 40  # pixels; smaller pieces of a strip top are left out: their phase is known no better than a few pixels'
 _MIN_SHARE = 0.02  # of the largest piece; crumbs would weigh like whole strips where strips differ
 _BINS, _MODES = 24, 2  # of phase differences, 15 deg each: the plate's and the tops' are the two most frequent
+_ALIKE = 0.02  # of their mean: strips measured one by one differ by micrometres, steps by more
 _MOVED_RAD = 0.15  # median phase difference on bare plate above which plate or lamp moved between captures
 
 
@@ -178,3 +179,22 @@ def numberings(strips: StripPhase) -> tuple[tuple[int, ...], ...]:
             key = tuple(heights[i] for i in items.values())
             found.setdefault(key, tuple(items.get(k, -1) for k in range(count)))
     return tuple(found.values())
+
+
+def averaged_numberings(strips: StripPhase) -> StripPhase | None:
+    """Return strips with the mean of the heights that each may have, for strips of which it is open which is which.
+
+    By how much the heights that a strip may have differ from their mean is added to its uncertainty. None where they
+    differ by more than 2 %: that is no set of one nominal height.
+    """
+    heights = np.array([h.value for h in strips.heights_mm])
+    if np.ptp(heights) > _ALIKE * heights.mean():
+        return None
+    ways = numberings(strips)
+    whole = all(item >= 0 for items in ways for item in items)
+    made = []
+    for label, one in enumerate(strips.heights_mm):
+        may_be = heights[[items[label] for items in ways]] if whole else heights
+        mean = float(may_be.mean())
+        made.append(replace(one, value=mean, u=float(np.hypot(one.u, np.abs(may_be - mean).max()))))
+    return replace(strips, heights_mm=tuple(made))

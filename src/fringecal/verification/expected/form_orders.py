@@ -14,9 +14,10 @@ from scipy import ndimage
 
 from fringecal.errors import FitError
 from fringecal.numerics import wrap
-from fringecal.targets import BallTop, Top
+from fringecal.targets import BallTop, PlaneTop, Top
 from fringecal.verification.expected.form_search import CAP_DEG
 from fringecal.verification.expected.known_rig import Floats, KnownRig
+from fringecal.verification.expected.level_tops import demand_level
 from fringecal.verification.expected.placed_form import PLATE, FormPlace, met_by_sight
 from fringecal.verification.forms.pieces import MIN_PIXELS, RIM_PX
 
@@ -98,7 +99,7 @@ def orders_by_form(
     Raises
     ------
     FitError
-        A top's phase lies half-way between two fringes, or is that of no such top.
+        A top's phase lies half-way between two fringes, is that of no such top, or is level with another order only.
     """
     rays = rig.camera.pixel_rays()
     met = met_by_sight(tops, place, rays)
@@ -117,8 +118,13 @@ def orders_by_form(
         course = _course(departure, inside, 2 if isinstance(top, BallTop) else 1, rules)
         _demand_order(departure, inside, course, number, rules, has_height=top.heights_mm[1] > 0)
         seen += 1
+        absolute = expected + course + wrap(departure - course)
+        if isinstance(top, PlaneTop) and not top.slope and top.heights_mm[1] > 0:
+            v, u = np.nonzero(inside)
+            demand_level(absolute[inside], (u, v), rig)
         here = lit & (met.top == number)
-        step[here] = (expected + course + wrap(departure - course) - plate)[here]
+        here &= ~_beside(here & (np.abs(wrap(departure - course)) > rules.outside_rad))
+        step[here] = (absolute - plate)[here]
     if not seen:
         raise FitError("no top of the artefact has enough lit pixels clear of its rims; light more of it")
     bare = valid & _bare(met.top) & (np.abs(departure) < rules.plate_rad)
@@ -131,7 +137,8 @@ def _clear_of_rims(top: NDArray[np.int16], valid: Mask) -> Mask:
     """Keep pixels of a top whose neighbours all see the same top and are lit."""
     side = 2 * RIM_PX + 1
     same = ndimage.minimum_filter(top, side) == ndimage.maximum_filter(top, side)
-    return (top >= 0) & same & ndimage.binary_erosion(valid, np.ones((side, side), dtype=np.bool_), border_value=1)
+    # The picture's border counts as a rim: what blurs or filters a picture lacks neighbours there.
+    return (top >= 0) & same & ndimage.binary_erosion(valid, np.ones((side, side), dtype=np.bool_))
 
 
 def _steep(tops: Sequence[Top], place: FormPlace, x: Floats, y: Floats, z: Floats) -> Mask:
@@ -143,6 +150,11 @@ def _steep(tops: Sequence[Top], place: FormPlace, x: Floats, y: Floats, z: Float
         if isinstance(top, BallTop):
             steep |= top.covers(s, t) & (z < top.radius_mm * (1 + lowest))
     return steep
+
+
+def _beside(other: Mask) -> Mask:
+    """Widen what shows something else than the top by a rim: blur mixes both there."""
+    return ndimage.binary_dilation(other, np.ones((2 * RIM_PX + 1,) * 2, dtype=np.bool_))
 
 
 def _bare(top: NDArray[np.int16]) -> Mask:

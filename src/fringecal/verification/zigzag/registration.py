@@ -154,7 +154,9 @@ class _Points:
         return _Points(self.x[index], self.y[index], self.z[index])
 
 
-def register_zigzag(surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate") -> ZigzagPose:
+def register_zigzag(
+    surface: Surface, target: Zigzag | ZigzagShape, *, seating: str = "on-plate", start: ZigzagPose | None = None
+) -> ZigzagPose:
     """Find the bars of a zig-zag target in a measured surface.
 
     Facets give the direction, the target's period the place across, the plate beside the bars
@@ -170,6 +172,8 @@ def register_zigzag(surface: Surface, target: Zigzag | ZigzagShape, *, seating: 
     seating
         "on-plate": the bars stand on z = 0, and a mean error of height stays an error. "free":
         height and two tilts of the seat are fitted and reported as well.
+    start
+        Where the bars lie to within a fifth of a bar, where that is known: facets need not be searched then.
 
     Raises
     ------
@@ -182,20 +186,25 @@ def register_zigzag(surface: Surface, target: Zigzag | ZigzagShape, *, seating: 
     valid = _usable(surface)
     maps = (surface.x, surface.y, surface.z)
     points = _Points(*(np.asarray(m, float)[valid] for m in maps)).thinned(_MAX_POINTS)
-    side = _block_px(surface, valid, shape)
-    thin = slice(None, None, max(1, side // _FLANKS.block_px))  # a facet needs no more pixels than this leaves
-    x, y, z = (np.asarray(m)[thin, thin] for m in maps)
-    facets = fit_facets(x, y, z, valid[thin, thin], block_px=max(_FLANKS.least_block_px, side // thin.step))
-    rotation, flanks = _direction(facets, shape)
-    _check_apex(flanks, shape)
-    centres = _Points(flanks.x, flanks.y, flanks.z).thinned(_MAX_CENTRES)
-    _check_period(centres, rotation, shape)
-    pose = _refined(_first_place(centres, rotation, shape), centres, shape)
+    pose = _searched(surface, valid, shape) if start is None else start
     for free in (False, seating == "free"):
         pose = _placed(pose, points, shape)
         flank_points = points.where(_flank_points(pose, points, shape)).thinned(_MAX_PIXELS)
         pose = _refined(pose, flank_points, shape, free=free)
     return _judged(_placed(pose, points, shape), points, shape)
+
+
+def _searched(surface: Surface, valid: NDArray[np.bool_], shape: ZigzagShape) -> ZigzagPose:
+    """Find the flanks' direction and place among facets of the surface."""
+    side = _block_px(surface, valid, shape)
+    thin = slice(None, None, max(1, side // _FLANKS.block_px))  # a facet needs no more pixels than this leaves
+    x, y, z = (np.asarray(m)[thin, thin] for m in (surface.x, surface.y, surface.z))
+    facets = fit_facets(x, y, z, valid[thin, thin], block_px=max(_FLANKS.least_block_px, side // thin.step))
+    rotation, flanks = _direction(facets, shape)
+    _check_apex(flanks, shape)
+    centres = _Points(flanks.x, flanks.y, flanks.z).thinned(_MAX_CENTRES)
+    _check_period(centres, rotation, shape)
+    return _refined(_first_place(centres, rotation, shape), centres, shape)
 
 
 def _usable(surface: Surface) -> NDArray[np.bool_]:

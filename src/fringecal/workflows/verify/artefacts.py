@@ -75,16 +75,22 @@ def verify_artefact(
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
         found = probe(target, surface, np.where(shown.core, shown.top, -1))
         readings = take_readings(found, surface, lambda u, v, z: points_by_component(calibration, u, v, z))
-        return ArtefactVerification(capture, target, phase, surface, found, readings, _departures(found, surface))
+        return ArtefactVerification(
+            capture, target, phase, surface, found, readings, _departures(found, surface, target)
+        )
     except FringecalError as error:
         raise caused_by_frames_of(error, phase) from error
 
 
-def _departures(found: Probe, surface: HeightMap) -> Departures:
-    """Compare the distances from the fitted form with the heights' uncertainty."""
+def _departures(found: Probe, surface: HeightMap, target: Artefact) -> Departures:
+    """Compare the distances from the fitted form with the heights' random uncertainty.
+
+    What all heights have in common the fitted form has as well; what a flat may be off flat is its certificate's.
+    """
     cloud = np.stack([surface.x, surface.y, surface.z], axis=-1).reshape(-1, 3)
     off = np.concatenate(found.residuals([cloud[group] for group in found.groups]))
-    return departures_of(off, surface.u_z.ravel()[np.concatenate(found.groups)])
+    own = target.flatness_mm.value + target.flatness_mm.u if isinstance(target, Flat) else 0.0
+    return departures_of(off, np.hypot(surface.u_random.ravel()[np.concatenate(found.groups)], own))
 
 
 def height_range_mm(target: Artefact) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """Verify a calibrated rig on an artefact of known geometry: the zig-zag of angle bars."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -118,7 +119,8 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     shown = shown_form(target, place, phase.map, calibration)
     surface, *others = surfaces_of(shown, phase.map, calibration, heights, ("projective", *simpler))
     progress("registering the zig-zag")
-    pose = register_zigzag(surface, target)
+    turned = math.remainder(place.turn_rad, math.pi)
+    pose = register_zigzag(surface, target, start=ZigzagPose(place.x_mm, place.y_mm, turned))
     errors = zigzag_errors(
         surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities, dof=surface.systematic.dof
     )
