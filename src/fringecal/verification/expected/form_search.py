@@ -25,6 +25,7 @@ CAP_DEG = 50.0
 """Of a ball, points steeper than this against the plate are left out: blur and shadow reach them."""
 
 _CAP_SLOPE = 0.7  # of a ball's cap, on the mean over its area
+_SAME = 1e-4  # of a form's height: what differs by less is the same turned round
 _ROOM = 0.15  # of the form's reach, beside the picture on every side: a form that sticks out further is not looked for
 
 
@@ -124,7 +125,11 @@ def find_form(
         return _described(tops, FormPlace(0.0, 0.0, 0.0), pixels, rules)
     candidates = _candidates(tops, wrapped_rad, valid, rig, rules)
     refined = [_refined(tops, place, pixels, rules) for place in candidates]
-    best = min(refined, key=lambda pair: pair[1])[0]
+    best, misfit = min(refined, key=lambda pair: pair[1])
+    if _turns(tops, rules).size > 1 and not _same_turned_round(tops, _SAME):
+        # Balls of nearly one size, low wedges: turned round they fit nearly as well, and the lattice takes either.
+        round_ = _refined(tops, replace(best, turn_rad=best.turn_rad + math.pi), pixels, rules)
+        best = round_[0] if round_[1] < misfit else best
     return _described(tops, best, pixels, rules)
 
 
@@ -251,12 +256,13 @@ def _turns(tops: Sequence[Top], rules: SearchRules) -> Floats:
     """Directions to be tried, deg: one for a ball, half a circle for what looks the same when turned round."""
     if len(tops) == 1 and isinstance(tops[0], BallTop):
         return np.zeros(1)
-    return np.arange(0.0, 180.0 if _same_turned_round(tops) else 360.0, rules.turns_deg[0])
+    step = rules.turns_deg[1 if isinstance(tops[0], BallTop) else 0]  # both balls of a bar, or one alone fits best
+    return np.arange(0.0, 180.0 if _same_turned_round(tops) else 360.0, step)
 
 
-def _same_turned_round(tops: Sequence[Top]) -> bool:
-    """Whether half a turn leaves the form as it is, to a hundredth of its height."""
-    tolerance = 0.01 * max(top.heights_mm[1] for top in tops)
+def _same_turned_round(tops: Sequence[Top], share: float = 0.01) -> bool:
+    """Whether half a turn leaves the form as it is, to a share of its height."""
+    tolerance = share * max(top.heights_mm[1] for top in tops)
     pairs = zip(tops, reversed(tops), strict=True)
     return all(_mirrored(one, other, tolerance) for one, other in pairs)
 

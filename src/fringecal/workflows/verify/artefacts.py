@@ -70,7 +70,9 @@ def verify_artefact(
     try:
         progress(f"heights of {capture.name}")
         heights = height_range_mm(target)
-        shown = shown_form(target, form_place(target, phase.map, calibration), phase.map, calibration)
+        shown = shown_form(
+            target, form_place(target, phase.map, calibration, name=capture.name), phase.map, calibration
+        )
         (surface,) = surfaces_of(shown, phase.map, calibration, heights)
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
         found = probe(target, surface, np.where(shown.core, shown.top, -1))

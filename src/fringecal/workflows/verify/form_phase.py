@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from fringecal.errors import FitError
 from fringecal.phase import PhaseMap
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct import HeightMap, Reason, absolute_phase, height_of_phase
@@ -12,7 +13,9 @@ from fringecal.targets import Artefact, tops_of
 from fringecal.verification import FormPhase, FormPlace, demand_form, find_form, orders_by_form
 
 
-def form_place(target: Artefact, phase_map: PhaseMap, calibration: RigCalibration) -> FormPlace:
+def form_place(
+    target: Artefact, phase_map: PhaseMap, calibration: RigCalibration, *, name: str = "artefact"
+) -> FormPlace:
     """Find where an artefact lies in a phase map.
 
     Parameters
@@ -23,6 +26,8 @@ def form_place(target: Artefact, phase_map: PhaseMap, calibration: RigCalibratio
         Phase of the capture.
     calibration
         The rig.
+    name
+        The capture's, for messages.
 
     Raises
     ------
@@ -31,7 +36,10 @@ def form_place(target: Artefact, phase_map: PhaseMap, calibration: RigCalibratio
     """
     tops = tops_of(target)
     found = find_form(tops, phase_map.phase, phase_map.valid, calibration)
-    demand_form(found, tops, target.kind)  # type: ignore[attr-defined]
+    try:
+        demand_form(found, tops, target.kind)  # type: ignore[attr-defined]
+    except FitError as error:
+        raise FitError(f"capture {name!r}: {error}") from error
     return found.place
 
 

@@ -4,9 +4,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fringecal.errors import FringecalError, SessionError
+from fringecal.errors import FitError, FringecalError, SessionError
 from fringecal.projector import HEIGHT_MODELS, RigCalibration
-from fringecal.reconstruct import HeightMap
+from fringecal.reconstruct import HeightMap, absolute_phase, height_of_phase
 from fringecal.session import Capture, Session
 from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Strips, Wedge, Zigzag
 from fringecal.verification import (
@@ -114,7 +114,7 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     capture, target = phase.capture, phase.capture.target
     assert isinstance(target, Zigzag)
     heights = with_headroom(zigzag_shape(target).height_mm)
-    place = form_place(target, phase.map, calibration)
+    place = _place(target, phase, calibration, heights)
     simpler = HEIGHT_MODELS[:-1] if with_models else ()
     shown = shown_form(target, place, phase.map, calibration)
     surface, *others = surfaces_of(shown, phase.map, calibration, heights, ("projective", *simpler))
@@ -135,6 +135,16 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
         filters = _filter_study(phase, calibration, place, pose, heights)
     diagnosed = diagnose_capture(phase, calibration, plate=plate)
     return Verification(capture, target, phase, diagnosed, surface, pose, errors, models, filters)
+
+
+def _place(target: Zigzag, phase: CapturePhase, calibration: RigCalibration, heights: tuple[float, float]) -> FormPlace:
+    """Find the bars by their form; where they are not what is stated, say by the surface what they are instead."""
+    try:
+        return form_place(target, phase.map, calibration, name=phase.capture.name)
+    except FitError:
+        absolute = absolute_phase(phase.map, calibration, height_range_mm=heights)
+        register_zigzag(height_of_phase(absolute, calibration, height_range_mm=heights), target)
+        raise
 
 
 def artefact_capture(session: Session, name: str | None, calibration: RigCalibration) -> Capture:
