@@ -133,14 +133,34 @@ def find_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") ->
     """
     grey = _as_grey(image)
     signs = {"auto": (-1, 1), "dark": (-1,), "light": (1,)}[polarity]
-    coarse = choose_coarse(grey, coarse_grids(grey, signs=signs))
-    nodes = coarse.lattice.nodes()
-    edges = edges_between(nodes, 0), edges_between(nodes, 1)
-    weights = fit_weights(grey, coarse.sign, edges)
-    refuse_other_patterns(grey, nodes, weights.profiles[0], coarse.sign)
-    line_picture, found = refine_grid(LinePicture(grey, weights, coarse.sign), nodes)
+    try:
+        line_picture, found = _refined(grey, signs, keep_places=False)
+    except NotRefinedError as error:
+        # Coarse places may all be off to one side, out of reach, where thin lines are a whole number of pixels apart.
+        try:
+            line_picture, found = _refined(grey, signs, keep_places=True)
+        except DetectionError:
+            raise error from None
     _refuse_fragments(found)
     return _detection(line_picture, found)
+
+
+class NotRefinedError(DetectionError):
+    """A lattice of candidates was found, and no lines were measured where it says."""
+
+
+def _refined(
+    grey: npt.NDArray[np.float32], signs: tuple[int, ...], *, keep_places: bool
+) -> tuple[LinePicture, Refined]:
+    """Find a lattice of candidates and measure its lines."""
+    coarse = choose_coarse(grey, coarse_grids(grey, signs=signs, keep_places=keep_places))
+    nodes = coarse.lattice.nodes()
+    weights = fit_weights(grey, coarse.sign, (edges_between(nodes, 0), edges_between(nodes, 1)))
+    refuse_other_patterns(grey, nodes, weights.profiles[0], coarse.sign)
+    try:
+        return refine_grid(LinePicture(grey, weights, coarse.sign), nodes)
+    except DetectionError as error:
+        raise NotRefinedError(str(error)) from error
 
 
 def _as_grey(image: npt.NDArray[np.generic]) -> npt.NDArray[np.float32]:

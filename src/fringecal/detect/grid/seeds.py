@@ -52,7 +52,9 @@ class CoarseGrid:
     sign: int
 
 
-def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> list[CoarseGrid]:
+def coarse_grids(
+    image: npt.NDArray[np.float32], *, signs: tuple[int, ...], keep_places: bool = False
+) -> list[CoarseGrid]:
     """Grow lattices on every pyramid level and polarity, the largest first.
 
     Parameters
@@ -61,10 +63,12 @@ def coarse_grids(image: npt.NDArray[np.float32], *, signs: tuple[int, ...]) -> l
         Grey picture, float32, (H, W).
     signs
         Polarities to try: -1 for dark lines, +1 for light ones.
+    keep_places
+        Smooth the picture before every halving, so that thin lines keep their places within the pixels of all levels.
     """
     found: list[CoarseGrid] = []
     settled: FloatArray | None = None
-    for level, factor in reversed(list(_pyramid(image))):
+    for level, factor in reversed(list(_pyramid(image, keep_places=keep_places))):
         if settled is not None and not _fine_lattice_near(level, settled / factor, signs):
             continue
         for sign, points in _extrema(level, signs):
@@ -90,18 +94,17 @@ def _fine_lattice_near(level: npt.NDArray[np.float32], middle_px: FloatArray, si
     return most > WINDOW_PART * window.size / LARGEST_SPACING_PX**2
 
 
-def _pyramid(image: npt.NDArray[np.float32]) -> Iterator[tuple[npt.NDArray[np.float32], int]]:
+def _pyramid(image: npt.NDArray[np.float32], *, keep_places: bool) -> Iterator[tuple[npt.NDArray[np.float32], int]]:
     """Yield the picture averaged over 1, 2, 4 ... pixels, with the factor.
 
-    Pixels are halved with the weights 1, 3, 3, 1, which keep the place of what is narrower than a pixel of the next
-    level. Means of two alone would put a line anywhere within the pixel to its middle, and lines whose spacing is a
-    whole number of them all to the same side.
+    Means of two put a thin line anywhere within a pixel to its middle, and lines whose spacing is a whole number of a
+    level's pixels all to the same side; weights of 1, 3, 3, 1 keep their places, but leave weaker extrema.
     """
     level, factor = image, 1
     while min(level.shape) >= COARSEST_LEVEL_PX:
         yield level, factor
         height, width = level.shape[0] // 2, level.shape[1] // 2
-        level = cv2.GaussianBlur(level, (3, 3), 0)  # the weights 1, 2, 1
+        level = cv2.GaussianBlur(level, (3, 3), 0) if keep_places else level  # weights 1, 2, 1; then means of two
         level = cv2.resize(level[: 2 * height, : 2 * width], (width, height), interpolation=cv2.INTER_AREA)
         factor *= 2
 
