@@ -179,6 +179,12 @@ from .single_frame.plate_carrier import (
     plate_phases as plate_phases,
 )
 from .unwrapping.regions import (
+    Regions as Regions,
+)
+from .unwrapping.regions import (
+    smooth_regions as smooth_regions,
+)
+from .unwrapping.regions import (
     unwrap_regions as unwrap_regions,
 )
 from .unwrapping.spatial import (

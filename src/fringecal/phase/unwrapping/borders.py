@@ -128,8 +128,8 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
     return first, number
 
 
-def _trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Judge every border cell by cell; rows of a, b and the order that b lacks, the longest border first.
+def trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Judge every border cell by cell; rows of a, b and the order that b lacks, the longest border first, (n, 3).
 
     A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge the sides differ by any amount,
     and where they happen to meet that is so over a short stretch only; along a fold they meet throughout.
@@ -192,5 +192,5 @@ def join_regions(values: Array, labels: NDArray[np.int32]) -> tuple[NDArray[np.i
     number = int(labels.max())
     orders = np.zeros(number + 1, dtype=np.int64)
     groups = np.arange(number + 1, dtype=np.int32)
-    _join(_trusted_borders(values, labels), orders, groups)
+    _join(trusted_borders(values, labels), orders, groups)
     return orders, groups

@@ -16,9 +16,14 @@ _TURN, _PER_TURN = np.float32(TURN), np.float32(1 / TURN)
 # not less than the curvature of a smooth surface, and not so much that an edge of 0.45 rad, a fourteenth of a fringe,
 # passes.
 _CURVATURE_SIGMAS, _CURVATURE_LIMITS_RAD = 6.0, (0.12, 0.45)
+# The same of the jump from one side to the other: a smooth surface makes one by its third derivative alone, so that the
+# limit may be tighter; at most what a fold of 0.2 rad/px shows beside itself.
+_JUMP_LIMITS_RAD = (0.06, 0.5)
 _NEIGHBOURS = np.float32(9)  # of a 3 x 3 square, all of which must be valid
 # Variance of nine neighbours above which they disagree: their mean direction is then shorter than 0.6, rad^2.
 _MOST_VARIANCE = np.float32(-2 * np.log(0.6))
+_FINE, _SMOOTH = np.uint8(1), np.uint8(2)  # smooth by curvature alone; by the jump too
+_APART_PX = 11  # side of the square about a pixel smooth by curvature alone that holds none smooth by both
 _SAMPLE_ROWS = 200  # of the picture, along which the noise of the curvature is measured
 _BRIDGE_PX = 5  # side of the square that smooth parts must hold: a bridge over an edge is narrower
 
@@ -54,7 +59,7 @@ def _means(first, last, phase, mean, steady):  # type: ignore[no-untyped-def]
             middle = total[j] / max(count[j], np.float32(1))
             mean[i, j] = here[j] + middle
             agree = squares[j] - _NEIGHBOURS * middle * middle < _NEIGHBOURS * _MOST_VARIANCE
-            steady[i, j] = 1 if agree and count[j] == _NEIGHBOURS else 0
+            steady[i, j] = _SMOOTH if agree and count[j] == _NEIGHBOURS else 0
 
 
 @njit(inline="always")
@@ -64,16 +69,32 @@ def _curvature(before, left, right, after):  # type: ignore[no-untyped-def]
     return curvature if curvature == curvature else np.float32(0)
 
 
+@njit(inline="always")
+def _jump(before, left, right, after):  # type: ignore[no-untyped-def]
+    """Return what both sides, continued by their own slopes, lack to meet half-way; 0 where one is missing."""
+    jump = abs(_wrapped(right - left - (_wrapped(left - before) + _wrapped(after - right)) / 2))
+    return jump if jump == jump else np.float32(0)
+
+
 @njit(nogil=True, cache=True)
-def _cut_at_curvature(first, last, mean, limits, steady):  # type: ignore[no-untyped-def]
-    """Clear the pixels of some rows around which the mean curvature exceeds its limit along rows or columns."""
+def _cut_at_edges(first, last, mean, limits, steady):  # type: ignore[no-untyped-def]
+    """Clear pixels of some rows around which curvature exceeds its limit; if just the jump does, make them `_FINE`."""
     height, width = mean.shape
     for i in range(max(first, 2), min(last, height - 2)):
         up, above, here, below, down = mean[i - 2], mean[i - 1], mean[i], mean[i + 1], mean[i + 2]
+        far = 3 <= i < height - 3
         for j in range(2, width - 2):
             across = _curvature(up[j], above[j], below[j], down[j])
             along = _curvature(here[j - 2], here[j - 1], here[j + 1], here[j + 2])
-            steady[i, j] = steady[i, j] if across < limits[0] and along < limits[1] else 0
+            if across >= limits[0] or along >= limits[1]:
+                steady[i, j] = 0
+            elif (
+                far
+                and _jump(mean[i - 3, j], above[j], below[j], mean[i + 3, j]) >= limits[2]
+                or 3 <= j < width - 3
+                and _jump(here[j - 3], here[j - 1], here[j + 1], here[j + 3]) >= limits[3]
+            ):
+                steady[i, j] = min(steady[i, j], _FINE)
 
 
 def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]:
@@ -87,13 +108,20 @@ def smooth_pixels(phase: NDArray[np.float32]) -> tuple[NDArray[np.uint8], float]
     mean, steady = np.empty_like(phase), np.empty(phase.shape, np.uint8)
     over_bands(_means, len(phase), phase, mean, steady)
     noise = [_noise_of_curvature(mean), _noise_of_curvature(mean.T)]
-    limits = np.clip(_CURVATURE_SIGMAS * np.array(noise), *_CURVATURE_LIMITS_RAD).astype(np.float32)
-    over_bands(_cut_at_curvature, len(mean), mean, limits, steady)
-    # A bridge over an edge, where the jump happens to be whole fringes, is a few pixels wide: it must not stay.
-    eroded = cv2.erode(
-        steady, np.ones((_BRIDGE_PX, _BRIDGE_PX), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,)
-    )
-    return np.asarray(eroded, np.uint8), max(noise)
+    curved = np.clip(_CURVATURE_SIGMAS * np.array(noise), *_CURVATURE_LIMITS_RAD)
+    jumps = np.clip(_CURVATURE_SIGMAS * np.array([_noise_of_jump(mean), _noise_of_jump(mean.T)]), *_JUMP_LIMITS_RAD)
+    over_bands(_cut_at_edges, len(mean), mean, np.concatenate([curved, jumps]).astype(np.float32), steady)
+    smooth = _without_bridges(steady == _SMOOTH)
+    # What is too finely folded for that, and far from all that is not, may be smooth by its curvature alone.
+    near = cv2.dilate(smooth, np.ones((_APART_PX, _APART_PX), np.uint8))
+    return smooth | (_without_bridges(steady >= _FINE) & (1 - near)), max(noise)
+
+
+def _without_bridges(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Erode: a bridge over an edge, where the jump is whole fringes by chance, is a few pixels wide and must go."""
+    square = np.ones((_BRIDGE_PX, _BRIDGE_PX), np.uint8)
+    eroded = cv2.erode(mask.astype(np.uint8), square, borderType=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    return np.asarray(eroded, np.uint8)
 
 
 def _noise_of_curvature(mean: NDArray[np.float32]) -> float:
@@ -102,6 +130,31 @@ def _noise_of_curvature(mean: NDArray[np.float32]) -> float:
     sample = mean[:, lines]
     difference = sample[4:] - sample[3:-1] - sample[1:-3] + sample[:-4]
     return robust_sd(wrap(difference), about=0)
+
+
+def _noise_of_jump(mean: NDArray[np.float32]) -> float:
+    """Robust standard deviation of the jump along columns, from a sample."""
+    lines = np.unique(np.linspace(0, max(mean.shape[1] - 1, 0), _SAMPLE_ROWS).astype(int))
+    sample = mean[:, lines]
+    slopes = wrap(sample[2:-4] - sample[:-6]) + wrap(sample[6:] - sample[4:-2])
+    return robust_sd(wrap(sample[4:-2] - sample[2:-4] - slopes / 2), about=0)
+
+
+@njit(cache=True)
+def torn(values, labels, number):  # type: ignore[no-untyped-def]
+    """Return for every region whether neighbours in it differ by more than half a fringe."""
+    found = np.zeros(number + 1, np.bool_)
+    height, width = labels.shape
+    half = TURN / 2
+    for v in range(height):
+        for u in range(width):
+            label = labels[v, u]
+            if label > 0:
+                if u + 1 < width and labels[v, u + 1] == label and abs(values[v, u + 1] - values[v, u]) > half:
+                    found[label] = True
+                if v + 1 < height and labels[v + 1, u] == label and abs(values[v + 1, u] - values[v, u]) > half:
+                    found[label] = True
+    return found
 
 
 @njit(cache=True)

@@ -6,16 +6,89 @@ regions in which the phase is smooth, and two regions are joined only if the pix
 agree on one order with only a small step left: a fold does, an edge does not.
 """
 
+from dataclasses import dataclass
+
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fringecal.numerics import wrap
 from fringecal.phase.unwrapping import joining
-from fringecal.phase.unwrapping.borders import join_regions
-from fringecal.phase.unwrapping.flooding import add_orders, drop_crumbs, flood, smooth_pixels
+from fringecal.phase.unwrapping.borders import join_regions, trusted_borders
+from fringecal.phase.unwrapping.flooding import add_orders, drop_crumbs, flood, smooth_pixels, torn
 from fringecal.phase.unwrapping.spatial import Unwrapped, unwrap
 
 _LEAST_PIXELS = 25  # of a region, one square of the opening that finds them; smaller ones go to their neighbours
+_NARROWING_PX, _NARROWINGS = 5, 6  # side of the square by which a region is narrowed, and how often
 _QUIET_RAD = 0.1  # noise of the curvature up to which neighbours in a smooth region never differ by half a fringe
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Smooth regions of a phase map, the order of one against another still open.
+
+    Parameters
+    ----------
+    values
+        Phase, continuous within a region, rad, (H, W); NaN where masked.
+    cores
+        Number of the region where the phase is smooth, from 1; 0 elsewhere, (H, W).
+    labels
+        The same after regions have grown over the edges between them; 0 where masked.
+    """
+
+    values: NDArray[np.float64]
+    cores: NDArray[np.int32]
+    labels: NDArray[np.int32]
+
+    @property
+    def number(self) -> int:
+        """How many regions there are."""
+        return int(self.labels.max(initial=0))
+
+    def with_cores(self, cores: NDArray[np.int32], without: NDArray[np.bool_]) -> "Regions":
+        """Return the regions that grow from other smooth pixels, over all but some pixels, (H, W)."""
+        values = np.where(cores > 0, self.values, np.nan)
+        phase = np.where(without | (self.labels == 0), np.nan, wrap(self.values)).astype(np.float32)
+        labels = cores.copy()
+        drop_crumbs(labels, int(labels.max(initial=0)), _LEAST_PIXELS)
+        kept = labels.copy()
+        flood(values, labels, phase)
+        return Regions(values, kept, labels)
+
+    def borders(self) -> NDArray[np.int64]:
+        """Return borders along which both sides meet: rows of regions a, b and the fringes b lacks, longest first."""
+        return trusted_borders(self.values, self.labels)
+
+
+def smooth_regions(phase: ArrayLike, valid: ArrayLike) -> Regions | None:
+    """Cut a phase map into regions in which it is smooth, and let them grow over what lies between.
+
+    Parameters
+    ----------
+    phase
+        Wrapped phase, rad, (H, W); best the object's minus the plate's, which is small and slow.
+    valid
+        True where the phase is to be used, (H, W).
+
+    Returns
+    -------
+    Regions or None
+        None where the phase is smooth nowhere.
+    """
+    single = _masked(phase, valid)
+    values, labels = _consistent_cores(single)
+    if drop_crumbs(labels, int(labels.max(initial=0)), _LEAST_PIXELS) == 0:
+        return None
+    cores = labels.copy()
+    flood(values, labels, single)
+    return Regions(values, cores, labels)
+
+
+def _masked(phase: ArrayLike, valid: ArrayLike) -> NDArray[np.float32]:
+    single = np.array(phase, np.float32)
+    single[~(np.asarray(valid, dtype=bool) & np.isfinite(single))] = np.nan
+    return single
 
 
 def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
@@ -38,17 +111,32 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
     An edge whose jump lies within some 0.15 rad (more where the surface is curved or noisy) of whole fringes along most
     of its length looks like a surface that touches its neighbour there, and is taken for one.
     """
-    single = np.array(phase, np.float32)
-    single[~(np.asarray(valid, dtype=bool) & np.isfinite(single))] = np.nan
-    smooth, noise = smooth_pixels(single)
-    values, labels = _cores(single, smooth, noise)
-    number = drop_crumbs(labels, int(labels.max(initial=0)), _LEAST_PIXELS)
-    if number == 0:
-        return unwrap(single)
-    flood(values, labels, single)
-    offsets, groups = join_regions(values, labels)
-    add_orders(values, labels, offsets, _numbered(groups))
-    return Unwrapped(values, labels)
+    regions = smooth_regions(phase, valid)
+    if regions is None:
+        return unwrap(_masked(phase, valid))
+    offsets, groups = join_regions(regions.values, regions.labels)
+    add_orders(regions.values, regions.labels, offsets, _numbered(groups))
+    return Unwrapped(regions.values, regions.labels)
+
+
+def _consistent_cores(phase: NDArray[np.float32]) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Unwrap the smooth pixels, and narrow the regions in which paths disagree until none does.
+
+    Where a region holds neighbours that differ by more than half a fringe, it goes around the end of an edge and over
+    it again where the jump happens to be whole fringes; the narrower it is made, the sooner that bridge breaks.
+    """
+    smooth, noise = smooth_pixels(phase)
+    narrower = np.ones((_NARROWING_PX, _NARROWING_PX), np.uint8)
+    for _ in range(_NARROWINGS):
+        values, labels = _cores(phase, smooth, noise)
+        bad = torn(values, labels, int(labels.max(initial=0)))
+        if not bad.any():
+            return values, labels
+        inside = bad[labels]
+        eroded = cv2.erode((smooth * inside).astype(np.uint8), narrower)
+        smooth = np.where(inside, eroded, smooth).astype(np.uint8)
+    labels[bad[labels]] = 0
+    return values, labels
 
 
 def _cores(
