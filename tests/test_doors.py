@@ -74,7 +74,7 @@ DISK_FUNCTIONS_OF = {
 DISK_MODULES = {"sqlalchemy", "fastparquet", "tifffile", "shutil", "tempfile", "sqlite3", "x3pio", "imageio"}
 WRITES = {"mkdir", "makedirs", "rmdir", "unlink", "rename", "touch", "write_text", "write_bytes", "imwrite"}
 
-OPENCV_ROOMS = {"session", "detect", "phase", "camera"}
+OPENCV_ROOMS = {"session", "detect", "phase", "camera", "reconstruct"}
 OPENCV_MODULES = {"targets.aruco"}  # the ArUco dictionaries are OpenCV's
 
 

@@ -10,11 +10,11 @@ from .height_map import (
 from .height_map import (
     Reason as Reason,
 )
-from .known_levels import (
-    Levels as Levels,
-)
 from .object_phase import (
     absolute_phase as absolute_phase,
+)
+from .orders.known_levels import (
+    Levels as Levels,
 )
 from .perturbed import (
     points_by_component as points_by_component,
@@ -24,6 +24,12 @@ from .phase_to_height import (
 )
 from .phase_to_height import (
     reconstruct_height as reconstruct_height,
+)
+from .plate_in_view import (
+    VisiblePlate as VisiblePlate,
+)
+from .plate_in_view import (
+    visible_plate as visible_plate,
 )
 from .sections import (
     Section as Section,

@@ -14,12 +14,16 @@ Map = NDArray[Any]
 
 
 class Reason(enum.IntFlag):
-    """Why a pixel has no height; 0 is a valid one. The low bits are those of the phase map."""
+    """Why a pixel has no height; 0 is a valid one.
+
+    `EDGE`: beside the edge of an object or of a shadow, where a pixel may see two surfaces at once.
+    """
 
     NO_PHASE = 1
     ORDER_UNDECIDED = 2
     NO_RAY = 4
     OUT_OF_RANGE = 8
+    EDGE = 16
 
 
 @dataclass(frozen=True)

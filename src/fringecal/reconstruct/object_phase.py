@@ -1,21 +1,27 @@
-"""An object's phase over the plate's: unwrapped region by region, each piece's order decided by evidence."""
+"""An object's phase over the plate's: unwrapped region by region, each one's order decided by evidence."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.numerics import over_bands, wrap
-from fringecal.phase import PhaseMap, Unwrapped, pieces_in_cycles, unwrap_regions
+from fringecal.numerics import TURN, over_bands, wrap
+from fringecal.phase import PhaseMap, Regions, Unwrapped, pieces_in_cycles, smooth_regions
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct.cycles import step_in_cycle
 from fringecal.reconstruct.height_kernels import steps_over_plate
 from fringecal.reconstruct.height_map import Reason
-from fringecal.reconstruct.known_levels import Levels, steps_at_levels
-from fringecal.reconstruct.piece_orders import decide_pieces
+from fringecal.reconstruct.orders.cycles import step_in_cycle
+from fringecal.reconstruct.orders.decided_regions import DecidedRegions, decide_regions
+from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
+from fringecal.reconstruct.orders.known_levels import Levels, steps_at_levels
+from fringecal.reconstruct.orders.mixed_pixels import beside_edges
+from fringecal.reconstruct.orders.piece_orders import add_turns, decide_pieces, order_by_height, pixels_of
 from fringecal.reconstruct.row_rays import rig_rows
 
 Array = NDArray[np.float64]
+
+_SAMPLE_PX = 3  # every so many pixels say what u(phi) is typical
 
 
 @dataclass(frozen=True)
@@ -62,22 +68,40 @@ def absolute_phase(
 
     Notes
     -----
-    Orders that further periods give are known up to their cycle: the step over the plate is unwrapped in cycles then,
+    With one period, a region's order follows from the plate, from how regions follow one another along epipolar lines
+    (`fringecal.reconstruct.orders.region_orders`), or from a border along which it meets one that is decided. Orders
+    that further periods give are known up to their cycle: the step over the plate is unwrapped in cycles then,
     instead of in fringes, and a piece that touches no plate is taken to lie less than a cycle above it.
     """
-    wrapped, cycle = _wrapped_step(phase_map, calibration), 1
+    wrapped = _wrapped_step(phase_map, calibration)
     valid = np.isfinite(wrapped)
     reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
     reasons[phase_map.valid & ~valid] = int(Reason.NO_RAY)
     if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
-        wrapped, cycle = in_cycle, phase_map.orders.cycle
-        valid = np.isfinite(wrapped)
-        unwrapped = _in_cycles(in_cycle, cycle)
+        step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm, levels)
+        valid = np.isfinite(in_cycle)
+    elif (regions := smooth_regions(wrapped, valid)) is not None:
+        step, open_pieces = _by_evidence(phase_map, regions, calibration, height_range_mm, levels, reasons)
     else:
-        unwrapped = unwrap_regions(wrapped, valid)
-    known = None
+        step, open_pieces = np.full(wrapped.shape, np.nan), 1
     if levels is not None and not levels.top:
-        known = steps_at_levels(unwrapped.phase.copy(), valid, _level_steps(calibration, levels))
+        known = steps_at_levels(wrapped.astype(float), valid, _level_steps(calibration, levels))
+        step = np.where(np.isfinite(known), known, step)
+        reasons[np.isfinite(known)] = 0
+    reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
+    step[reasons != 0] = np.nan
+    return ObjectPhase(step, phase_map.sigma, reasons, open_pieces)
+
+
+def _by_cycle(
+    in_cycle: NDArray[np.float32],
+    cycle: int,
+    calibration: RigCalibration,
+    height_range_mm: tuple[float, float] | None,
+    levels: Levels | None,
+) -> tuple[Array, int]:
+    """Return the step of phases that further periods tell apart up to their cycle, and how many pieces stay open."""
+    unwrapped = _in_cycles(in_cycle, cycle)
     pieces = decide_pieces(
         unwrapped.phase,
         unwrapped.pieces,
@@ -88,10 +112,65 @@ def absolute_phase(
         rising=_rising(calibration),
         range_turns=_range_turns(calibration, height_range_mm, cycle),
     )
-    step = pieces.difference_rad if known is None else np.where(np.isfinite(known), known, pieces.difference_rad)
-    reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
-    sigma = phase_map.sigma
-    return ObjectPhase(step, sigma, reasons, len(pieces.undecided))
+    return pieces.difference_rad, len(pieces.undecided)
+
+
+def _by_evidence(
+    phase_map: PhaseMap,
+    regions: Regions,
+    calibration: RigCalibration,
+    height_range_mm: tuple[float, float] | None,
+    levels: Levels | None,
+    reasons: NDArray[np.uint8],
+) -> tuple[Array, int]:
+    """Return the step of one period by what decides each region's order, and how many regions stay open."""
+    sample = np.s_[::_SAMPLE_PX, ::_SAMPLE_PX]
+    sigma = phase_map.sigma[sample][phase_map.valid[sample]]
+    found = decide_regions(
+        regions,
+        phase_map.modulation,
+        epipolar_lines(calibration),
+        _plate_phase(calibration),
+        float(np.median(sigma)) if sigma.size else 0.0,
+    )
+    orders = found.orders.copy()
+    if height_range_mm is not None:
+        tops_mm = levels.heights_mm if levels is not None and levels.top else ()
+        orders = _orders_in_range(found, calibration, height_range_mm, tops_mm)
+    step = np.empty(reasons.shape)
+    over_bands(add_turns, len(step), found.regions.values, found.regions.labels, TURN * orders, step)
+    reasons[(reasons == 0) & beside_edges(step, found.regions, phase_map.modulation)] = int(Reason.EDGE)
+    return step, int(np.isnan(orders[1:]).sum())
+
+
+def _plate_phase(calibration: RigCalibration) -> Callable[[Array, Array], Array]:
+    """Return the plate's phase as a function of the place in the picture."""
+
+    def at(u: Array, v: Array) -> Array:
+        rays = calibration.camera.rays(u, v)
+        return calibration.model.phase(rays.ax, rays.ay, 0.0)
+
+    return at
+
+
+def _orders_in_range(
+    found: DecidedRegions,
+    calibration: RigCalibration,
+    height_range_mm: tuple[float, float],
+    tops_mm: tuple[float, ...],
+) -> Array:
+    """Decide what is open by the heights that are stated, or by known tops, among the orders that evidence leaves."""
+    orders = found.orders.copy()
+    open_regions = np.flatnonzero(np.isnan(orders[1:])) + 1
+    values, labels = found.regions.values, found.regions.labels
+    for region, pixels in pixels_of(labels, open_regions.tolist()):
+        if pixels.size:
+            order = order_by_height(
+                values, pixels, TURN, lambda step, at: _heights_at(calibration, step, at), height_range_mm, tops_mm
+            )
+            if order is not None and found.leaves(region, order):
+                orders[region] = order
+    return orders
 
 
 def _in_cycles(difference_rad: NDArray[np.float32], cycle: int) -> Unwrapped:

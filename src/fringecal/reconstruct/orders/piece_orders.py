@@ -109,7 +109,7 @@ def decide_pieces(
     """
     number = int(pieces.max(initial=0))
     turn = TURN * fringes_per_turn
-    levels, counts, sizes = _plate_votes(difference_rad, pieces, number, turn, rules.plate_pixels)
+    levels, counts, sizes = plate_votes(difference_rad, pieces, number, turn, rules.plate_pixels)
     orders: dict[int, int | None] = {}
     for piece in (np.flatnonzero(sizes[1:]) + 1).tolist():
         enough = max(rules.plate_pixels, min(rules.many_pixels, int(rules.plate_share * sizes[piece])))
@@ -119,17 +119,17 @@ def decide_pieces(
     if fits and not _leaves_cycle(difference_rad, pieces, orders, rising * turn, below, rules.plate_pixels):
         return PieceOrders(_in_cycle(difference_rad, rising * turn, below), dict.fromkeys(orders, 0))
     if height_of is not None and height_range_mm is not None:
-        for piece, pixels in _pixels_of(pieces, [p for p, order in orders.items() if order is None]):
-            orders[piece] = _order_by_height(difference_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
+        for piece, pixels in pixels_of(pieces, [p for p, order in orders.items() if order is None]):
+            orders[piece] = order_by_height(difference_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
     turns = np.full(number + 1, np.nan)
     for piece, order in orders.items():
         turns[piece] = np.nan if order is None else turn * order
     result = np.empty(difference_rad.shape)
-    over_bands(_add_turns, len(result), difference_rad, pieces, turns, result)
+    over_bands(add_turns, len(result), difference_rad, pieces, turns, result)
     return PieceOrders(result, orders)
 
 
-def _plate_votes(
+def plate_votes(
     step: Array, pieces: NDArray[np.integer], number: int, turn: float, least: int
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
     """Return for every piece the fringe level near which most of its flat pixels lie, how many do, and its size.
@@ -178,13 +178,14 @@ def _count_levels(first_strip, last_strip, step, pieces, rows, turn, votes):  # 
 
 
 @njit(nogil=True, cache=True)
-def _add_turns(first, last, step, pieces, turns, out):  # type: ignore[no-untyped-def]
+def add_turns(first, last, step, pieces, turns, out):  # type: ignore[no-untyped-def]
+    """Write the step plus its piece's turns, rad, in some rows."""
     for v in range(first, last):
         for u in range(step.shape[1]):
             out[v, u] = step[v, u] + turns[pieces[v, u]]
 
 
-def _pixels_of(pieces: NDArray[np.integer], wanted: list[int]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+def pixels_of(pieces: NDArray[np.integer], wanted: list[int]) -> Iterator[tuple[int, NDArray[np.intp]]]:
     """Yield flat indices of the pixels of some pieces."""
     chosen = np.zeros(int(pieces.max(initial=0)) + 1, dtype=bool)
     chosen[wanted] = True
@@ -202,7 +203,7 @@ def _leaves_cycle(
 ) -> bool:
     """Return whether more than so many pixels of what is connected with the plate lie beyond the cycle about it."""
     decided = {piece: order for piece, order in orders.items() if order is not None}
-    for piece, pixels in _pixels_of(pieces, list(decided)):
+    for piece, pixels in pixels_of(pieces, list(decided)):
         cycles = step.ravel()[pixels] / turn + np.sign(turn) * decided[piece]
         if np.count_nonzero((cycles < -below) | (cycles > 1 - below)) > most:
             return True
@@ -214,14 +215,14 @@ def _in_cycle(step: Array, turn: float, below: float) -> Array:
     return step - turn * np.floor(step / turn + below)
 
 
-def _order_by_height(  # noqa: PLR0913, PLR0917 -- private: a piece, its heights, and what they may be
+def order_by_height(  # noqa: PLR0913, PLR0917 -- private: a piece, its heights, and what they may be
     step: Array,
     pixels: NDArray[np.intp],
     turn: float,
     height_of: HeightOf,
     height_range: tuple[float, float],
     tops_mm: tuple[float, ...],
-    rules: PieceRules,
+    rules: PieceRules = PIECE_RULES,
 ) -> int | None:
     """Find the only order at which a piece lies in the range, or, of several, ends at a known top."""
     chosen = pixels[:: max(1, pixels.size // rules.sample)]

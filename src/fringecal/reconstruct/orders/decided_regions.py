@@ -1,0 +1,356 @@
+"""An object's step over the plate with the orders that evidence gives, region by region.
+
+Regions are smooth; what decides one's order is the plate's own phase in it, how it follows other regions along
+epipolar lines (`fringecal.reconstruct.orders.region_orders`), and a border along which it meets one that is decided.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.numerics import TURN
+from fringecal.phase import Regions
+from fringecal.reconstruct.orders.epipolar_lines import EpipolarLines
+from fringecal.reconstruct.orders.line_evidence import FREE, FROM_SAME, mark_runs, passages
+from fringecal.reconstruct.orders.piece_orders import plate_votes
+from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of, stretches
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Labels = NDArray[np.int32]
+
+PlateAt = Callable[[Array, Array], Array]
+"""Plate phase, rad, at picture coordinates u and v, px."""
+
+
+@dataclass(frozen=True)
+class DecisionRules:
+    """When regions are taken for plate, and when one is split.
+
+    Parameters
+    ----------
+    plate_pixels
+        Least number of pixels on the plate's phase.
+    plate_share
+        Share of a region's pixels that must lie on it for the region to be plate.
+    edge_lines
+        Neighbouring lines that must show an inner edge: a line along a fold may see one by noise.
+    rounds
+        How often regions that contradict themselves are split.
+    closing_px
+        Side of the square over which runs of contradiction are closed: lines run between pixels.
+    bridged_px
+        The same for runs that begin at an edge: lines between them on which the edge is not seen belong to them.
+    edge_sigmas, edge_limits_rad
+        Jump within a region that is an edge: so many u(phi), between two limits, rad.
+    dark_sigmas
+        Mean modulation that pure noise shows, in its standard deviations: 1.25, and what blur leaks into a shadow.
+    sample_px
+        Every so many pixels say how bright the fringes are.
+    rim_px
+        Distance from the picture's border within which a part of a split region may be plate by its phase alone.
+    """
+
+    plate_pixels: int = 50
+    plate_share: float = 0.8
+    rounds: int = 2
+    edge_lines: int = 12
+    closing_px: int = 3
+    bridged_px: int = 15
+    edge_sigmas: float = 10.0
+    edge_limits_rad: tuple[float, float] = (0.08, 0.5)
+    dark_sigmas: float = 2.0
+    sample_px: int = 3
+    rim_px: int = 12
+
+
+DECISION_RULES = DecisionRules()
+
+
+@dataclass(frozen=True)
+class NoiseLevels:
+    """What noise alone may show: a jump within a region, rad, and modulation where no light arrives, grey levels."""
+
+    edge_rad: float
+    dark_level: float
+
+    @classmethod
+    def of(cls, sigma_rad: float, light: NDArray[np.float32], regions: Regions, rules: DecisionRules) -> "NoiseLevels":
+        """Take both from u(phi), which is the noise of the modulation over the modulation."""
+        sample = np.s_[:: rules.sample_px, :: rules.sample_px]
+        lit = light[sample][regions.cores[sample] > 0]
+        level = float(np.median(lit)) if lit.size else 0.0
+        edge = float(np.clip(rules.edge_sigmas * sigma_rad, *rules.edge_limits_rad))
+        return cls(edge, rules.dark_sigmas * sigma_rad * level)
+
+
+@dataclass(frozen=True)
+class PlateVotes:
+    """How many flat pixels of each region lie on the plate's phase, at which whole fringe, and the regions' sizes."""
+
+    levels: Ints
+    counts: Ints
+    sizes: Ints
+
+    @classmethod
+    def of(cls, regions: Regions, rules: DecisionRules) -> "PlateVotes":
+        """Count them."""
+        return cls(*plate_votes(regions.values, regions.cores, regions.number, TURN, rules.plate_pixels))
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Regions without inner contradictions, the bounds between them, and up to which number regions were never split.
+
+    A part of a region that was split looks smooth towards the rest of it and like plate where the rest does; neither
+    says anything, and only bounds decide it.
+    """
+
+    regions: Regions
+    bounds: Bounds
+    whole: int
+    plate: PlateVotes
+
+
+@dataclass(frozen=True)
+class DecidedRegions:
+    """Smooth regions with what is known of their orders.
+
+    Parameters
+    ----------
+    regions
+        The regions, after those that contradict themselves were split.
+    orders
+        Fringes to be added to each region, by number, NaN where open.
+    low, high
+        Orders that the bounds leave for each region, counted positive as phase grows with height.
+    rising
+        Sign of the phase that a raised point gains.
+    """
+
+    regions: Regions
+    orders: Array
+    low: Ints
+    high: Ints
+    rising: int
+
+    def leaves(self, region: int, order: int) -> bool:
+        """Whether the bounds leave an order for a region."""
+        return bool(self.low[region] <= self.rising * order <= self.high[region])
+
+
+def decide_regions(
+    regions: Regions,
+    light: NDArray[np.float32],
+    lines: EpipolarLines,
+    plate_at: PlateAt,
+    sigma_rad: float,
+    *,
+    rules: DecisionRules = DECISION_RULES,
+) -> DecidedRegions:
+    """Decide the order of every region against the plate's.
+
+    The plate's phase in the largest region that shows it is the start. From there bounds are carried through; then
+    whole regions that look like plate, and borders along which both sides meet, choose among the orders left.
+
+    Parameters
+    ----------
+    regions
+        Smooth regions of the step over the plate.
+    light
+        Modulation of the fringes, grey levels, (H, W).
+    lines
+        Epipolar lines of the rig.
+    plate_at
+        The plate's phase.
+    sigma_rad
+        Typical u(phi), rad.
+    rules
+        When a region is plate.
+    """
+    evidence = gathered(regions, light, lines, plate_at, NoiseLevels.of(sigma_rad, light, regions, rules), rules)
+    book = OrderBook(evidence.regions.number, evidence.bounds)
+    _start_at_plate(book, evidence, lines.rising, rules)
+    doubtful = _plate_or_not(book, evidence, lines.rising, rules)
+    if doubtful.any():
+        book = OrderBook(evidence.regions.number, evidence.bounds.without(doubtful))
+        _start_at_plate(book, evidence, lines.rising, rules, doubtful)
+    orders = lines.rising * book.orders()
+    orders[0] = np.nan
+    return DecidedRegions(evidence.regions, orders, book.low, book.high, lines.rising)
+
+
+def _plate_or_not(book: OrderBook, evidence: Evidence, rising: int, rules: DecisionRules) -> NDArray[np.bool_]:
+    """Regions that look like plate and that bounds put elsewhere: paint as wide as a fringe, or tops as high as one."""
+    levels, counts, sizes = evidence.plate.levels, evidence.plate.counts, evidence.plate.sizes
+    alike = counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)
+    orders = book.orders()
+    return np.asarray(alike & np.isfinite(orders) & (orders != -rising * levels))
+
+
+def _start_at_plate(
+    book: OrderBook, evidence: Evidence, rising: int, rules: DecisionRules, without: NDArray[np.bool_] | None = None
+) -> None:
+    """Give the plate its order, carry all bounds through from it, and choose among what they leave."""
+    regions = evidence.regions
+    if not _chosen_main(book, evidence.plate, rising, rules):
+        return
+    book.carry()
+    levels, counts, sizes = evidence.plate.levels, evidence.plate.counts, evidence.plate.sizes
+    whole = (np.arange(regions.number + 1) <= evidence.whole) | _at_rim(regions, rules)
+    whole &= True if without is None else ~without
+    plate = (counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)) & whole
+    for region in np.argsort(-counts, kind="stable").tolist():
+        if plate[region]:
+            book.choose(region, -rising * int(levels[region]))
+    borders = regions.borders()
+    _by_contact(book, borders[((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)], rising)
+
+
+def _chosen_main(book: OrderBook, plate: PlateVotes, rising: int, rules: DecisionRules) -> bool:
+    """Give the region that shows most of the plate its order; return whether any shows enough of it."""
+    main = int(np.argmax(plate.counts))
+    return bool(plate.counts[main] >= rules.plate_pixels) and book.choose(main, -rising * int(plate.levels[main]))
+
+
+def gathered(
+    regions: Regions,
+    light: NDArray[np.float32],
+    lines: EpipolarLines,
+    plate_at: PlateAt,
+    noise: NoiseLevels,
+    rules: DecisionRules,
+) -> Evidence:
+    """Walk along epipolar lines; split regions that a shadow shows to be two surfaces in one, and walk again."""
+    unsplit = regions.number
+    for _ in range(rules.rounds):
+        found, seen, bounds = _walked(regions, light, lines, plate_at, noise)
+        plate = PlateVotes.of(regions, rules)
+        wrong = _self_contradictions(seen, bounds) | _against_the_rest(seen, bounds, plate, lines.rising, rules)
+        edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
+        if not (wrong | edged).any():
+            return Evidence(regions, bounds, unsplit, plate)
+        whole = _closed(mark_runs(found[wrong & (found[:, 10] == FREE)], regions.cores.shape, lines), rules.closing_px)
+        cut = mark_runs(found[edged | (wrong & (found[:, 10] != FREE))], regions.cores.shape, lines)
+        cut = _closed(cut, rules.bridged_px)
+        inside = np.isin(regions.cores, np.unique(found[wrong | edged, 0]).astype(int))
+        own = cut & ~whole & inside
+        changed = np.unique(found[wrong | edged, 0]).astype(np.int64)
+        out = whole & inside
+        regions = _split(regions, own, out, changed)
+    _, _, bounds = _walked(regions, light, lines, plate_at, noise)
+    return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules))
+
+
+def _walked(
+    regions: Regions, light: NDArray[np.float32], lines: EpipolarLines, plate_at: PlateAt, noise: NoiseLevels
+) -> tuple[Array, Passages, Bounds]:
+    """Return all passages, what they say of absolute phase, and the bounds that they vote for."""
+    found = passages(regions.values, regions.cores, light, lines, noise.edge_rad)
+    ends = plate_at(found[:, (3, 5)], found[:, (4, 6)])
+    seen = Passages.of(found, ends, lines.rising, regions.cores.shape)
+    return found, seen, bounds_of(seen, _breadths(regions, lines), noise.dark_level)
+
+
+def _breadths(regions: Regions, lines: EpipolarLines) -> Ints:
+    """Return how many lines cross each region, about."""
+    cores = regions.cores if lines.along_columns else regions.cores.T
+    crossed = np.zeros((int(cores.max(initial=0)) + 1, cores.shape[1]), bool)
+    crossed[cores, np.arange(cores.shape[1])] = True
+    return np.count_nonzero(crossed, axis=1)
+
+
+def _entered_over_inner_edges(found: Array, shape: tuple[int, int], rules: DecisionRules) -> NDArray[np.bool_]:
+    """Passages whose first region was entered over an edge within it that is seen on enough neighbouring lines."""
+    edged = found[:, 10] == FROM_SAME
+    v, u = np.divmod(found[:, 9].astype(np.int64), shape[1])
+    places = stretches(u[edged], v[edged], shape)
+    edged[edged] = np.bincount(places)[places] >= rules.edge_lines
+    return np.asarray(edged)
+
+
+def _self_contradictions(seen: Passages, bounds: Bounds) -> NDArray[np.bool_]:
+    """Passages from a region into itself across a shadow that cannot be: one surface in front, another behind."""
+    own = (bounds.first == bounds.second) & ((bounds.fringes > 0) | (bounds.equal & (bounds.fringes != 0)))
+    fringes, left = seen.closing_fringes()
+    wrong = np.zeros(seen.first.size, bool)
+    for region in np.unique(bounds.first[own]):
+        here = (seen.first == region) & (seen.second == region)
+        wrong |= here & seen.shadow & (fringes != 0)
+        wrong |= here & seen.meeting
+    return wrong
+
+
+def _against_the_rest(
+    seen: Passages, bounds: Bounds, plate: PlateVotes, rising: int, rules: DecisionRules
+) -> NDArray[np.bool_]:
+    """Passages over shadows that contradict what more lines say: their first region may be two surfaces in one."""
+    book = OrderBook(plate.sizes.size - 1, bounds)
+    if not _chosen_main(book, plate, rising, rules):
+        return np.zeros(seen.first.size, bool)
+    fringes, _ = seen.closing_fringes()
+    wrong = np.zeros(seen.first.size, bool)
+    for k in book.carry():
+        if bounds.equal[k]:
+            same = (seen.first == bounds.first[k]) & (seen.second == bounds.second[k])
+            wrong |= same & seen.shadow & (fringes == bounds.fringes[k])
+    return wrong
+
+
+def _closed(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
+    """Close gaps of a mask that are narrower than a square."""
+    kernel = np.ones((side_px, side_px), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0)
+
+
+def _split(regions: Regions, own: NDArray[np.bool_], out: NDArray[np.bool_], changed: Ints) -> Regions:
+    """Give every part of `own` a number of its own, and every part of what else is left of the changed regions.
+
+    The largest part of what is left of a region keeps its number; `out` is taken out of the regions.
+    """
+    cores = np.where(out, 0, regions.cores).astype(np.int32)
+    number = _numbered_parts(cores, own, regions.number, keep_largest=False)
+    for region in changed.tolist():
+        number = _numbered_parts(cores, (cores == region) & ~own, number, keep_largest=True)
+    return regions.with_cores(cores, out)
+
+
+def _numbered_parts(cores: Labels, mask: NDArray[np.bool_], number: int, *, keep_largest: bool) -> int:
+    """Number the connected parts of a mask from `number` + 1 on, in place; return the last number."""
+    count, parts, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=4)
+    chosen = parts > 0
+    if keep_largest and count > 1:
+        chosen &= parts != 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    cores[chosen] = parts[chosen] + number
+    return number + count - 1
+
+
+def _at_rim(regions: Regions, rules: DecisionRules) -> NDArray[np.bool_]:
+    """Whether each region comes near to the picture's border."""
+    rim = np.ones(regions.cores.shape, bool)
+    rim[rules.rim_px : -rules.rim_px, rules.rim_px : -rules.rim_px] = False
+    found = np.zeros(regions.number + 1, bool)
+    found[np.unique(regions.cores[rim])] = True
+    return found
+
+
+def _by_contact(book: OrderBook, borders: Ints, rising: int) -> None:
+    """Carry orders over borders along which both sides meet, the longest first, from what is decided."""
+    waiting = [tuple(int(n) for n in row) for row in borders]
+    going = True
+    while going:
+        going = False
+        for k, (a, b, lacking) in enumerate(waiting):
+            known = [book.low[r] == book.high[r] for r in (a, b)]
+            if known[0] == known[1]:
+                continue
+            if known[0]:
+                book.choose(b, int(book.low[a]) + rising * lacking)
+            else:
+                book.choose(a, int(book.low[b]) - rising * lacking)
+            del waiting[k]
+            going = True
+            break

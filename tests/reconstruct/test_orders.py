@@ -1,0 +1,130 @@
+"""Fringe orders of unknown objects: decided where shadows and the plate say them, open where nothing does."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from fringecal.phase import demodulate
+from fringecal.phase.unwrapping.regions import smooth_regions
+from fringecal.reconstruct import Reason, absolute_phase
+from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
+from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from object_population import OBJECTS, draw_case  # noqa: E402
+
+SEED = 7  # the campaign of benchmarks/object_orders.py uses others
+KINDS = tuple(OBJECTS)
+
+
+@pytest.fixture(scope="module")
+def found():
+    """One case of every kind, with what was found and what is true, rad."""
+    cases = [draw_case(number, seed=SEED) for number in range(len(KINDS))]
+    phases = [demodulate(case.frames.frames, case.phase_shifts_rad) for case in cases]
+    return [
+        (case, absolute_phase(phase, case.calibration), case.true_step_rad())
+        for case, phase in zip(cases, phases, strict=True)
+    ]
+
+
+def test_hardly_a_valid_pixel_is_off_by_half_a_fringe(found):
+    wrong = sum(int(np.sum(np.abs(f.difference_rad - true)[f.reasons == 0] >= np.pi)) for _, f, true in found)
+    valid = sum(int(np.sum(f.reasons == 0)) for _, f, _ in found)
+    assert wrong / valid < 1e-3
+
+
+def test_what_hangs_together_with_the_plate_is_decided(found):
+    decided = [np.mean(f.reasons[case.decidable() & (f.reasons != Reason.NO_PHASE)] == 0) for case, f, _ in found]
+    assert np.mean(decided) > 0.93
+
+
+def test_an_isolated_block_is_read_right_by_its_shadow(found):
+    case, f, true = found[KINDS.index("block")]
+    top = case.frames.lit & (case.frames.z > 0.99 * case.frames.z.max())
+    valid = f.reasons[top] == 0
+    assert valid.mean() > 0.5
+    assert np.mean(np.abs(f.difference_rad - true)[top][valid] < np.pi) > 0.998  # the rest sees its rim
+
+
+def test_pixels_beside_an_edge_say_so(found):
+    case, f, _ = found[KINDS.index("block")]
+    assert np.any(f.reasons == Reason.EDGE)
+    assert np.isnan(f.difference_rad[f.reasons != 0]).all()
+
+
+def test_lines_run_where_raised_points_show_their_fringes(found):
+    for case, _, _ in found:
+        lines, rig = epipolar_lines(case.calibration), case.calibration
+        u, v = rig.camera.centre_px
+        rays = rig.camera.rays(np.array([u]), np.array([v]))
+        x, y = rays.at(5.0)
+        foot = np.array(rig.model.foot(x, y, np.array([5.0]))).ravel()
+        ahead = 20 * lines.forward * np.array([lines.slope[0] + lines.slope[1] * v + lines.slope[2] * u, 1.0])
+        if not lines.along_columns:
+            ahead = 20 * lines.forward * np.array([1.0, lines.slope[0] + lines.slope[1] * u + lines.slope[2] * v])
+        there = rig.camera.rays(np.array([u + ahead[0]]), np.array([v + ahead[1]]))
+        along = np.array([there.ax[0] - rays.ax[0], there.ay[0] - rays.ay[0]])
+        toward = foot - [rays.ax[0], rays.ay[0]]
+        assert along @ toward / np.linalg.norm(along) / np.linalg.norm(toward) > 0.998
+        assert np.sign(rig.model.phase(x, y, 5.0) - rig.model.phase(rays.ax, rays.ay, 0.0))[0] == lines.rising
+
+
+def passages(gain_turns, *, shadow):
+    n = len(gain_turns)
+    ones = np.ones(n, np.int64)
+    dark = np.full(n, shadow)
+    gain = 2 * np.pi * np.asarray(gain_turns, float)
+    return Passages(ones, 2 * ones, dark, ~dark, 0 * ones, gain, np.zeros(n))
+
+
+def test_a_shadow_whose_ends_show_one_ray_ties_two_regions():
+    bounds = bounds_of(passages([3.02] * 20, shadow=True), np.array([0, 20, 20]))
+    assert [int(b[0]) for b in bounds[:3]] == [1, 2, -3]
+    assert bounds.equal.all()
+
+
+def test_paint_of_any_width_ties_nothing():
+    rng = np.random.default_rng(0)
+    tied = [
+        bounds_of(passages(np.linspace(a, a + 1.5, 20), shadow=True), np.array([0, 20, 20])).equal.any()
+        for a in rng.uniform(0, 5, 50)
+    ]
+    assert not any(tied)
+
+
+def test_side_by_side_rays_may_skip_but_not_run_back():
+    bounds = bounds_of(passages([-2.1] * 20, shadow=False), np.array([0, 20, 20]))
+    assert int(bounds.fringes[0]) == 2
+    assert not bounds.equal[0]
+
+
+def test_bounds_from_both_sides_decide_and_a_weak_contradiction_is_left_aside():
+    rows = [(1, 2, 3, True, 50), (2, 3, 0, False, 30), (3, 1, -3, False, 30), (1, 3, 7, True, 6)]
+    columns = [np.array([row[k] for row in rows]) for k in range(5)]
+    book = OrderBook(3, Bounds(*columns[:3], columns[3].astype(bool), columns[4]))
+    assert book.choose(1, 0)
+    assert book.carry() == [3]
+    np.testing.assert_array_equal(book.orders(), [np.nan, 0, 3, 3])
+
+
+def test_what_nothing_bounds_stays_open():
+    columns = [np.array([1]), np.array([2]), np.array([0]), np.array([False]), np.array([40])]
+    book = OrderBook(2, Bounds(*columns))
+    book.choose(1, 0)
+    book.carry()
+    assert np.isnan(book.orders()[2])
+    assert not book.choose(2, -1)
+    assert book.choose(2, 4)
+
+
+def test_a_region_in_which_paths_disagree_is_narrowed_until_they_agree():
+    """A ramp that ends at an edge: around its foot it is continuous, over the edge it jumps by 0 to 2 fringes."""
+    v, u = np.mgrid[0:200, 0:200].astype(float)
+    ramp = np.where((u > 60) & (u < 140) & (v > 40), 4 * np.pi * (v - 40) / 160, 0.0)
+    regions = smooth_regions(np.angle(np.exp(1j * ramp)), np.ones(ramp.shape, bool))
+    for label in range(1, regions.number + 1):
+        turns = np.rint((ramp - regions.values)[regions.cores == label] / (2 * np.pi))
+        assert np.unique(turns).size == 1
