@@ -253,8 +253,9 @@ def test_masked_pixels_are_shown_with_their_reasons(measured, oblique):
     assert bool(masked.figures) == (table["valid"] < 100)
 
 
-def test_a_measurement_alone_is_no_verdict(measured):
-    assert measured.verdict.decision == "info"
+def test_a_measurement_judges_its_capture_and_not_the_object(measured):
+    assert measured.verdict.decision == "pass"
+    assert "not on the object" in measured.verdict.sentence
     causes = tables_of(measured)["uncertainty-budget-of-the-height.csv"]["share of the variance / %"]
     assert causes.sum() == pytest.approx(100)
     assert causes.is_monotonic_decreasing

@@ -7,7 +7,8 @@ import numpy as np
 import typer
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.saving import demand_folder, progress
+from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE, EXIT_PASS
+from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.workflows.shared import command_line, given
 
@@ -39,15 +40,16 @@ def reconstruct(
     minus_plate: bool = typer.Option(False, "--minus-plate", help="Subtract the heights of the bare plate's capture."),
     faces: int | None = typer.Option(None, "--faces", min=4, help="Thin the meshes to about so many faces."),
     watertight: bool = typer.Option(False, "--watertight", help="Close the meshes down to a base 1 mm below."),
+    limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
     profile: list[int] = typer.Option([], "--profile", help="Picture row written to profiles.csv, again for more."),
     as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
 ) -> None:
     """Load, reconstruct, save, print."""
     from fringecal.projector import HEIGHT_MODELS
-    from fringecal.records import read_calibration, result_folder, write_profiles, write_surfaces
+    from fringecal.records import limits_for, read_calibration, result_folder, write_profiles, write_surfaces
     from fringecal.session import load_session
     from fringecal.verification import FILTERS
-    from fringecal.workflows.reconstruct import measurement_report, section_rows
+    from fringecal.workflows.reconstruct import measurement_checks, measurement_report, section_rows
     from fringecal.workflows.reconstruct import reconstruct as run
     from fringecal.workflows.shared import Treatment, calibration_of, demand_same_rig
 
@@ -59,10 +61,11 @@ def reconstruct(
     demand_folder(out)
     heights = {"--lowest-mm": lowest, "--highest-mm": highest}
     filters = {name: chosen for name, chosen in (("--before", before), ("--after", after)) if chosen != "none"}
-    stated = given({"--capture": capture, "--model": model, **heights, **filters})
+    stated = given({"--capture": capture, "--model": model, **heights, **filters, "--limits": limits})
     plate = ("--minus-plate",) if minus_plate else ()
     command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out, *stated, *plate])
     with progress(quiet=as_json) as show:
+        allowed = limits_for(session, limits)
         in_force = read_calibration(calibration)
         rig, loaded = calibration_of(in_force), load_session(session)
         demand_same_rig(loaded, in_force.session.rig)
@@ -77,7 +80,7 @@ def reconstruct(
         )
         _demand_rows(profile, found.surface.z.shape[0])
         show("writing surfaces and report")
-        report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC))
+        report = measurement_report(found, command=" ".join(command), created=datetime.now(UTC), limits=allowed)
         with result_folder(out, last="report.html") as staging:
             pixels = found.surface.z.size
             stride = max(1, round((pixels / _MESH_PIXELS) ** 0.5))
@@ -94,17 +97,16 @@ def reconstruct(
         "height": str(out / "height.npz"),
         "report": str(out / "report.html"),
     }
+    checks = measurement_checks(found, allowed)
     if as_json:
-        print_json(summary)
-        return
+        print_json(summary | {"checks": [check.model_dump(mode="json") for check in checks]})
+        raise typer.Exit(EXIT_OUT_OF_TOLERANCE if any(check.decision == "fail" for check in checks) else EXIT_PASS)
     console.print(
         f"{summary['capture']}: z from {summary['z_min_mm']:.3f} to {summary['z_max_mm']:.3f} mm, median u(z) "
         f"{summary['u_z_median_mm']:.4f} mm, {100 * found.shares()['valid']:.1f} % of the picture valid",
         highlight=False,
     )
-    console.print(
-        f"surface: {summary['height']}\nreport: {summary['report']}", markup=False, highlight=False, soft_wrap=True
-    )
+    print_outcome(checks, (f"surface: {summary['height']}",), out)
 
 
 def _demand_rows(rows: list[int], height: int) -> None:

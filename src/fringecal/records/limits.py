@@ -39,9 +39,17 @@ class VerifyLimits(_Table):
     """What a verification must keep; a tolerance on the mean error is the laboratory's own affair."""
 
     en: Limit = 1.0
-    scatter_ratio: Limit = 1.3  # of pixels' departures over their u: 0.8 to 1.1 on 150 sound artefacts
+    scatter_ratio: Limit = 1.3  # of pixels' departures over their u: 0.8 to 1.1 on about 100 sound artefacts
     largest_ratio: Limit = 1.5  # of the largest departure over what it stays below in 99 of 100 cases
     mean_error_percent: Limit | None = None
+
+
+class ReconstructLimits(_Table):
+    """How the plate beside an object may differ from that of the calibration."""
+
+    plate_height_mm: Limit = 0.1  # every height is off by as much
+    plate_rise_mm: Limit = 0.2  # over the plate in view
+    plate_scatter_ratio: Limit = 1.5  # 1.0 to 1.2 on sound captures; a frame moved by 2 px gives 10 and more
 
 
 class AuditLimits(_Table):
@@ -69,6 +77,7 @@ class Limits(_Table):
     level: Annotated[float, Field(ge=0.5, lt=1)] = COVERAGE
     commission: CommissionLimits = CommissionLimits()
     verify: VerifyLimits = VerifyLimits()
+    reconstruct: ReconstructLimits = ReconstructLimits()
     audit: AuditLimits = AuditLimits()
 
 

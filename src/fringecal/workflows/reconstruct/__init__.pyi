@@ -1,3 +1,6 @@
+from .checks import (
+    measurement_checks as measurement_checks,
+)
 from .report import (
     measurement_report as measurement_report,
 )

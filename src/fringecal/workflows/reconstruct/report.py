@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.reconstruct import HeightMap, Reason
-from fringecal.records import software_versions
+from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
 from fringecal.report import (
     AS_U,
     Fact,
@@ -23,14 +23,17 @@ from fringecal.report import (
     uncertainty_map,
 )
 from fringecal.uncertainty import Influence, Source
+from fringecal.workflows.reconstruct.checks import measurement_checks
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import (
+    checks_table,
     findings_section,
     height_item,
     inputs_of_capture,
     phase_section,
     readable_surface,
+    severest,
     surface_item,
 )
 
@@ -38,7 +41,9 @@ _SECTIONS = (0.25, 0.5, 0.75)  # of the rows that hold heights
 _PERCENTILES = (0, 5, 25, 50, 75, 95, 100)  # of the heights, as a box plot with its ends has them
 
 
-def measurement_report(found: Measurement, *, command: str = "", created: datetime | None = None) -> Report:
+def measurement_report(
+    found: Measurement, *, command: str = "", created: datetime | None = None, limits: Limits = DEFAULT_LIMITS
+) -> Report:
     """Return the report of a reconstructed object.
 
     Parameters
@@ -47,14 +52,18 @@ def measurement_report(found: Measurement, *, command: str = "", created: dateti
         The object's surface and its phase.
     command, created
         As for `commission_report`.
+    limits
+        What the plate beside the object may differ by.
     """
+    checks = measurement_checks(found, limits)
     values = readable_surface(found.surface)
     return Report(
         title=f"Surface of {found.capture.name}",
         subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence))),
-        verdict=Verdict("info", _sentence(found)),
+        verdict=Verdict(severest(checks), _sentence(found)),
         facts=_facts(found),
         sections=(
+            *((Section("Capture against calibration", (), (checks_table(checks),)),) if checks else ()),
             _height_section(found, values),
             relief_section(found, section_rows(found.surface.mask), values),
             _uncertainty_section(found, values),
@@ -74,7 +83,7 @@ def _sentence(found: Measurement) -> str:
     return (
         f"Heights from {np.nanmin(z):.3f} to {np.nanmax(z):.3f} mm on {100 * found.shares()['valid']:.1f} % of the "
         f"picture, with a median standard uncertainty of {np.nanmedian(u):.4f} mm per pixel. "
-        "A measurement alone is no verdict."
+        "The verdict is on whether the capture fits the calibration, not on the object."
     )
 
 

@@ -123,5 +123,6 @@ def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) ->
         )
     return (
         f"capture {name!r}: no part of the picture could be given a fringe order, as no connected part of it shows the "
-        "plate. Leave some plate visible beside the object, or state its height range."
+        "plate where the calibration has it. Leave some plate visible beside the object, state its height range, or "
+        "check that plate and camera have not moved and that the frames are in their order."
     )
