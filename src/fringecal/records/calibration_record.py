@@ -225,6 +225,9 @@ class AppearanceRecord(Part):
     """
 
     grid_blur_px: float | None = Field(default=None, ge=0, description="standard deviation of the blur of grid lines")
+    grid_blur_from: Literal["sections", "raster"] = Field(
+        default="sections", description="what it was fitted to: sections through the lines, or raw pixels"
+    )
     modulation_levels: float | None = Field(default=None, gt=0)
     contrast: float | None = Field(default=None, gt=0, description="modulation over background")
     noise_levels: float | None = Field(default=None, ge=0, description="of one picture at the median background")

@@ -25,7 +25,7 @@ from fringecal.workflows.audit.observed import (
     with_todays_offset,
 )
 from fringecal.workflows.audit.ranked_causes import CauseFit, rank_causes
-from fringecal.workflows.shared import appearance_of, demand_same_picture, demand_same_rig
+from fringecal.workflows.shared import BLUR_FROM, appearance_of, demand_same_picture, demand_same_rig
 from fringecal.workflows.verify import ArtefactVerification, Verification, independent, verify_capture
 
 Array = NDArray[np.float64]
@@ -175,7 +175,9 @@ def _observe(session: Session, calibration: RigCalibration, record: CalibrationR
 
 def _layout(observed: Observed, then: AppearanceRecord | None) -> Layout:
     grid, plate, strips = observed
-    blur = None if then is None or grid is None else then.grid_blur_px
+    # A blur that was fitted to sections through the lines, as before, is another number than one from raw pixels.
+    alike = then is not None and then.grid_blur_from == BLUR_FROM
+    blur = then.grid_blur_px if then is not None and alike and grid is not None else None
     return Layout(
         grid=grid is not None,
         plate=None if plate is None else plate.blocks,

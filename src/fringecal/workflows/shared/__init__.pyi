@@ -1,4 +1,7 @@
 from .appearance import (
+    BLUR_FROM as BLUR_FROM,
+)
+from .appearance import (
     appearance_of as appearance_of,
 )
 from .capture_diagnosis import (

@@ -1,5 +1,7 @@
 """Image quality of a rig's pictures at its calibration, which later audits compare with."""
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,9 @@ from fringecal.detect import GridDetection
 from fringecal.phase import PhaseMap
 from fringecal.records import AppearanceRecord
 from fringecal.workflows.shared.capture_phase import CapturePhase, shortest_period
+
+BLUR_FROM: Final = "raster"
+"""What the blur of a grid's lines is fitted to today: the raw pixels."""
 
 
 def appearance_of(reference: CapturePhase | None, detection: GridDetection | None) -> AppearanceRecord:
@@ -21,13 +26,14 @@ def appearance_of(reference: CapturePhase | None, detection: GridDetection | Non
     """
     blur = None if detection is None else float(detection.profile.blur_px)
     if reference is None:
-        return AppearanceRecord(grid_blur_px=blur)
+        return AppearanceRecord(grid_blur_px=blur, grid_blur_from=BLUR_FROM)
     light = reference.map
     wave = reference.adapted.found_wave
     modulation, contrast, middle = _medians(light)
     scatter = _scatter_of_repeats(reference)
     return AppearanceRecord(
         grid_blur_px=blur,
+        grid_blur_from=BLUR_FROM,
         modulation_levels=modulation,
         contrast=contrast,
         noise_levels=float(light.noise.sigma(np.array(middle))),
