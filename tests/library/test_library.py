@@ -123,7 +123,13 @@ def test_tables_and_pictures(calibration):
 def test_crossings_stand_in_for_the_picture(calibration, frames):
     found = find_grid(frames["grid"][0])
     given = grid_of_crossings(
-        found.row + 7, found.column - 3, found.u_px, found.v_px, shape=found.shape, sigma_px=found.sigma_px
+        found.row + 7,
+        found.column - 3,
+        found.u_px,
+        found.v_px,
+        shape=found.shape,
+        sigma_px=found.sigma_px,
+        scatter=found.scatter,
     )
     by_crossings = fringecal.calibrate(
         grid=given,

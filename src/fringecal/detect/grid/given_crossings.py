@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 from fringecal.detect.grid.grid_search import FAMILIES, MIN_LINES, GridDetection, GridLine
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
+from fringecal.detect.grid.line_scatter import LineScatter
 from fringecal.errors import DetectionError
 
 
@@ -17,6 +18,7 @@ def grid_of_crossings(
     *,
     shape: tuple[int, int],
     sigma_px: ArrayLike = 0.02,
+    scatter: LineScatter | None = None,
 ) -> GridDetection:
     """Return a detected grid from crossings that another program measured.
 
@@ -32,6 +34,8 @@ def grid_of_crossings(
         (height, width) of the picture, px.
     sigma_px
         Standard uncertainty of a crossing per axis, px: one for all, or (n,).
+    scatter
+        Covariance of the crossings, where it is known; else they count as independent.
 
     Raises
     ------
@@ -64,4 +68,6 @@ def grid_of_crossings(
         for pick in [site == k]
         if pick.any()
     )
-    return GridDetection(sites[0], sites[1], points[0], points[1], sigma, lines, shape, "dark", LineProfile(0.0, 0.0))
+    return GridDetection(
+        sites[0], sites[1], points[0], points[1], sigma, lines, shape, "dark", LineProfile(0.0, 0.0), scatter=scatter
+    )
