@@ -1,6 +1,6 @@
 """Is every kind of artefact found, measured within its uncertainty, and refused or failed when it is wrong?
 
-Run: python benchmarks/artefacts.py [--kinds wedge sphere] [--count 20] [--frozen] [--cache /tmp/artefacts]. Draws kinds
+Run: python benchmarks/artefacts.py [--kinds wedge sphere] [--count 20] [--frozen] [--cache DIR]. Draws kinds
 x sizes x poses over the shipped rigs and some random ones (pictures cut to 380 x 340 px for speed): turned by any
 angle, anywhere in the picture, in three of ten partly in the shadow of something tall, in three of ten beside a second
 object. Even seeds are for work, odd ones (`--frozen`) for judging; no rule may be chosen on those. With `--wrong` the
@@ -10,6 +10,7 @@ artefact is not what its certificate says, or its frames are not what they shoul
 import argparse
 import math
 import pickle
+import tempfile
 import time
 import zlib
 from collections import Counter
@@ -418,7 +419,7 @@ def main() -> None:
     parser.add_argument("--wrong", nargs="*")
     parser.add_argument("--quiet", action="store_true")
     parser.add_argument("--all", action="store_true")
-    parser.add_argument("--cache", type=Path, default=Path("/tmp/fringecal-artefacts"))
+    parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "fringecal-artefacts")
     options = parser.parse_args()
     known = {name: (rig, calibrated(name, rig, options.cache)) for name, rig in rigs().items()}
     usable = {name: both for name, both in known.items() if both[1] is not None and name in (options.rigs or known)}

@@ -148,9 +148,9 @@ def as_older(file, place, decision=None):
         del profile["dof"]
         profile["en"] = profile["mean_mm"] / (2 * profile["u_mm"])
     for check in document["checks"]:
-        del check["score"]
-        check["value"] *= 1.96 / 2
-        check["decision"] = decision or check["decision"]
+        if check.pop("score") == "En":
+            check["value"] *= 1.96 / 2
+            check["decision"] = decision or check["decision"]
     place.mkdir()
     (place / file.name).write_text(json.dumps(document))
     return place
