@@ -112,7 +112,7 @@ def box(thesis):
     return measured
 
 
-EDGE_PX = 4  # beside an edge, where pixels that may see two surfaces are masked
+EDGE_PX = 5  # beside an edge, where pixels that may see two surfaces are masked, and no face of a mesh ends
 
 
 def demand_box(points_mm):
