@@ -146,8 +146,8 @@ def over_bands(kernel: Callable[..., None], rows: int, *arguments: Any, least: i
     """Call `kernel(first, last, *arguments)` for equal bands of rows, one band in each of numba's threads.
 
     The kernel is compiled with `nogil=True` and writes what belongs to rows `first` to `last - 1`, by no other row's
-    result: so the number of threads changes nothing. It does what numba's parallel loops do (`prange`), which take two
-    to three times as long to compile, and everybody waits for that when the program runs first.
+    result: so the number of threads changes nothing. It does what numba's parallel loops do (`prange`), which take
+    longer to compile, and everybody waits for that when the program runs first.
 
     Parameters
     ----------

@@ -13,9 +13,6 @@ from .height_map import (
 from .object_phase import (
     absolute_phase as absolute_phase,
 )
-from .orders.known_levels import (
-    Levels as Levels,
-)
 from .perturbed import (
     points_by_component as points_by_component,
 )

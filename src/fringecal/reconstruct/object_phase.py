@@ -14,7 +14,6 @@ from fringecal.reconstruct.height_map import Reason
 from fringecal.reconstruct.orders.cycles import step_in_cycle
 from fringecal.reconstruct.orders.decided_regions import DecidedRegions, decide_regions
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
-from fringecal.reconstruct.orders.known_levels import Levels, steps_at_levels
 from fringecal.reconstruct.orders.mixed_pixels import beside_edges
 from fringecal.reconstruct.orders.piece_orders import add_turns, decide_pieces, order_by_height, pixels_of
 from fringecal.reconstruct.row_rays import rig_rows
@@ -51,7 +50,6 @@ def absolute_phase(
     calibration: RigCalibration,
     *,
     height_range_mm: tuple[float, float] | None = None,
-    levels: Levels | None = None,
 ) -> ObjectPhase:
     """Unwrap an object's phase against the plate's and decide the order of each connected piece.
 
@@ -63,8 +61,6 @@ def absolute_phase(
         The rig; its plate phase is the reference.
     height_range_mm
         Heights that the object can have, where known.
-    levels
-        Heights of an artefact's surfaces, where known: they decide the order of pieces that touch no plate.
 
     Notes
     -----
@@ -78,16 +74,11 @@ def absolute_phase(
     reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
     reasons[phase_map.valid & ~valid] = int(Reason.NO_RAY)
     if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
-        step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm, levels)
-        valid = np.isfinite(in_cycle)
+        step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm)
     elif (regions := smooth_regions(wrapped, valid)) is not None:
-        step, open_pieces = _by_evidence(phase_map, regions, calibration, height_range_mm, levels, reasons)
+        step, open_pieces = _by_evidence(phase_map, regions, calibration, height_range_mm, reasons)
     else:
         step, open_pieces = np.full(wrapped.shape, np.nan), 1
-    if levels is not None and not levels.top:
-        known = steps_at_levels(wrapped.astype(float), valid, _level_steps(calibration, levels))
-        step = np.where(np.isfinite(known), known, step)
-        reasons[np.isfinite(known)] = 0
     reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
     step[reasons != 0] = np.nan
     return ObjectPhase(step, phase_map.sigma, reasons, open_pieces)
@@ -98,7 +89,6 @@ def _by_cycle(
     cycle: int,
     calibration: RigCalibration,
     height_range_mm: tuple[float, float] | None,
-    levels: Levels | None,
 ) -> tuple[Array, int]:
     """Return the step of phases that further periods tell apart up to their cycle, and how many pieces stay open."""
     unwrapped = _in_cycles(in_cycle, cycle)
@@ -107,7 +97,6 @@ def _by_cycle(
         unwrapped.pieces,
         height_of=lambda step, pixels: _heights_at(calibration, step, pixels),
         height_range_mm=height_range_mm,
-        tops_mm=levels.heights_mm if levels is not None and levels.top else (),
         fringes_per_turn=cycle,
         rising=_rising(calibration),
         range_turns=_range_turns(calibration, height_range_mm, cycle),
@@ -120,7 +109,6 @@ def _by_evidence(
     regions: Regions,
     calibration: RigCalibration,
     height_range_mm: tuple[float, float] | None,
-    levels: Levels | None,
     reasons: NDArray[np.uint8],
 ) -> tuple[Array, int]:
     """Return the step of one period by what decides each region's order, and how many regions stay open."""
@@ -133,10 +121,9 @@ def _by_evidence(
         _plate_phase(calibration),
         float(np.median(sigma)) if sigma.size else 0.0,
     )
-    orders = found.orders.copy()
+    orders = found.orders
     if height_range_mm is not None:
-        tops_mm = levels.heights_mm if levels is not None and levels.top else ()
-        orders = _orders_in_range(found, calibration, height_range_mm, tops_mm)
+        orders = _orders_in_range(found, calibration, height_range_mm)
     step = np.empty(reasons.shape)
     over_bands(add_turns, len(step), found.regions.values, found.regions.labels, TURN * orders, step)
     reasons[(reasons == 0) & beside_edges(step, found.regions, phase_map.modulation)] = int(Reason.EDGE)
@@ -153,20 +140,15 @@ def _plate_phase(calibration: RigCalibration) -> Callable[[Array, Array], Array]
     return at
 
 
-def _orders_in_range(
-    found: DecidedRegions,
-    calibration: RigCalibration,
-    height_range_mm: tuple[float, float],
-    tops_mm: tuple[float, ...],
-) -> Array:
-    """Decide what is open by the heights that are stated, or by known tops, among the orders that evidence leaves."""
+def _orders_in_range(found: DecidedRegions, calibration: RigCalibration, height_range_mm: tuple[float, float]) -> Array:
+    """Decide what is open by the heights that are stated, among the orders that evidence leaves."""
     orders = found.orders.copy()
     open_regions = np.flatnonzero(np.isnan(orders[1:])) + 1
     values, labels = found.regions.values, found.regions.labels
     for region, pixels in pixels_of(labels, open_regions.tolist()):
         if pixels.size:
             order = order_by_height(
-                values, pixels, TURN, lambda step, at: _heights_at(calibration, step, at), height_range_mm, tops_mm
+                values, pixels, TURN, lambda step, at: _heights_at(calibration, step, at), height_range_mm
             )
             if order is not None and found.leaves(region, order):
                 orders[region] = order
@@ -214,13 +196,6 @@ def _wrapped_step(phase_map: PhaseMap, calibration: RigCalibration) -> NDArray[n
     wrapped = np.empty(phase_map.phase.shape, np.float32)
     over_bands(steps_over_plate, len(wrapped), phase_map.phase, phase_map.reasons, rows, wrapped)
     return wrapped
-
-
-def _level_steps(calibration: RigCalibration, levels: Levels) -> Array:
-    """Phase over the plate's that each level would show at every pixel, (levels, H, W)."""
-    rays = calibration.camera.pixel_rays()
-    plate = calibration.model.phase(rays.ax, rays.ay, 0.0)
-    return np.stack([calibration.model.phase(*rays.at(z), np.full(plate.shape, z)) - plate for z in levels.heights_mm])
 
 
 def _heights_at(calibration: RigCalibration, difference_rad: Array, pixels: NDArray[np.intp]) -> Array:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from fringecal.numerics import robust_sd
 from fringecal.reconstruct.height_map import HeightMap
 
 Array = NDArray[np.float64]
@@ -14,7 +15,6 @@ _ROUNDS = 4  # of the plane's fit, each without what lies off the one before
 _KEPT_SIGMAS = 4.0  # robust standard deviations off the plane up to which a pixel is plate
 _LEAST_PIXELS = 500  # fewer are a scrap beside an object
 _LEAST_SHARE = 0.02  # of the picture
-_SCALE = 1.4826  # standard deviation over median deviation, of normal noise
 
 
 @dataclass(frozen=True)
@@ -91,6 +91,6 @@ def _plane(design: Array, z: Array) -> tuple[Array, NDArray[np.bool_]]:
     plane = np.zeros(3)
     for _ in range(_ROUNDS):
         plane = np.linalg.lstsq(design[kept], z[kept], rcond=None)[0]
-        left = np.abs(z - design @ plane)
-        kept = left <= _KEPT_SIGMAS * _SCALE * float(np.median(left[kept]))
+        left = z - design @ plane
+        kept = np.abs(left) <= _KEPT_SIGMAS * robust_sd(left[kept], about=0)
     return plane, kept

@@ -32,11 +32,6 @@ class PieceRules:
         Pixels of a piece at which the heights of an order are looked at: a share of 2 % is then known to 0.3 %.
     inside
         Share of them that must lie in the stated range of heights; what is left to wrong pixels is 2 %.
-    top_quantile
-        Of a piece's heights, that is its top: beyond it wrong pixels may lie.
-    top_mm, top_share
-        How far a piece's top may lie from the known one that decides its order: so much, and this share of the height,
-        for a rig that is not calibrated yet; a fringe is several mm.
     below
         Share of a cycle below the plate in which pieces are looked for too; as much is lost above.
     """
@@ -46,9 +41,6 @@ class PieceRules:
     many_pixels: int = 2000
     sample: int = 2000
     inside: float = 0.98
-    top_quantile: float = 0.995
-    top_mm: float = 0.15
-    top_share: float = 0.02
     below: float = 0.1
 
 
@@ -80,7 +72,6 @@ def decide_pieces(
     *,
     height_of: HeightOf | None = None,
     height_range_mm: tuple[float, float] | None = None,
-    tops_mm: tuple[float, ...] = (),
     fringes_per_turn: int = 1,
     rising: int = 1,
     range_turns: tuple[float, float] = (0.0, 0.0),
@@ -97,9 +88,6 @@ def decide_pieces(
     height_of, height_range_mm
         Heights of phase differences, and the heights an object can have: decides a piece without plate pixels if
         exactly one order fits.
-    tops_mm
-        Known heights of tops, as of balls: decide a piece without plate pixels if exactly one order brings its
-        highest point to one.
     fringes_per_turn, rising, range_turns
         What the step is known up to: one fringe, or the cycle of several periods; sign of the step of what stands on
         the plate; cycles between which the stated heights lie. With several periods every pixel lies in the one cycle
@@ -120,7 +108,7 @@ def decide_pieces(
         return PieceOrders(_in_cycle(difference_rad, rising * turn, below), dict.fromkeys(orders, 0))
     if height_of is not None and height_range_mm is not None:
         for piece, pixels in pixels_of(pieces, [p for p, order in orders.items() if order is None]):
-            orders[piece] = order_by_height(difference_rad, pixels, turn, height_of, height_range_mm, tops_mm, rules)
+            orders[piece] = order_by_height(difference_rad, pixels, turn, height_of, height_range_mm, rules)
     turns = np.full(number + 1, np.nan)
     for piece, order in orders.items():
         turns[piece] = np.nan if order is None else turn * order
@@ -215,28 +203,19 @@ def _in_cycle(step: Array, turn: float, below: float) -> Array:
     return step - turn * np.floor(step / turn + below)
 
 
-def order_by_height(  # noqa: PLR0913, PLR0917 -- private: a piece, its heights, and what they may be
+def order_by_height(  # noqa: PLR0913, PLR0917 -- a piece, its heights, and what they may be
     step: Array,
     pixels: NDArray[np.intp],
     turn: float,
     height_of: HeightOf,
     height_range: tuple[float, float],
-    tops_mm: tuple[float, ...],
     rules: PieceRules = PIECE_RULES,
 ) -> int | None:
-    """Find the only order at which a piece lies in the range, or, of several, ends at a known top."""
+    """Find the only order at which a piece lies in the range."""
     chosen = pixels[:: max(1, pixels.size // rules.sample)]
     values = step.ravel()[chosen]
     low, high = height_range
     orders = np.arange(-_MOST_LEVELS, _MOST_LEVELS + 1)
     heights = height_of(values + turn * orders[:, None], chosen)
     inside = np.mean((heights > low) & (heights < high), axis=1) > rules.inside
-    fitting = {int(order): z for order, z in zip(orders[inside], heights[inside], strict=True)}
-    if tops_mm:
-        fitting = {order: z for order, z in fitting.items() if _ends_at(z, tops_mm, rules)}
-    return next(iter(fitting)) if len(fitting) == 1 else None
-
-
-def _ends_at(heights_mm: Array, tops_mm: tuple[float, ...], rules: PieceRules) -> bool:
-    top_mm = float(np.quantile(heights_mm, rules.top_quantile))
-    return any(abs(top_mm - known) < rules.top_mm + rules.top_share * known for known in tops_mm)
+    return int(orders[inside][0]) if np.count_nonzero(inside) == 1 else None

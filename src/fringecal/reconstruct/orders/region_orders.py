@@ -21,7 +21,7 @@ from fringecal.reconstruct.orders.line_evidence import MEETING, SHADOW
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-FREE = np.int64(10_000)
+_UNBOUNDED = np.int64(10_000)
 """Fringes: an end of an interval that nothing bounds."""
 
 
@@ -205,8 +205,8 @@ class OrderBook:
 
     def __init__(self, number: int, bounds: Bounds, rules: EvidenceRules = EVIDENCE_RULES) -> None:
         """Start with regions 0 to `number` of which nothing is known."""
-        self.low = np.full(number + 1, -FREE)
-        self.high = np.full(number + 1, FREE)
+        self.low = np.full(number + 1, -_UNBOUNDED)
+        self.high = np.full(number + 1, _UNBOUNDED)
         self.bounds = bounds
         self.rules = rules
         self._used = np.zeros(bounds.first.size, np.bool_)
@@ -267,14 +267,14 @@ def _narrow(low, high, first, second, fringes, equal, used):  # type: ignore[no-
             if not used[k]:
                 continue
             a, b, c = first[k], second[k], fringes[k]
-            if low[a] > -FREE and low[a] + c > low[b]:
+            if low[a] > -_UNBOUNDED and low[a] + c > low[b]:
                 low[b], changed = low[a] + c, True
-            if high[b] < FREE and high[b] - c < high[a]:
+            if high[b] < _UNBOUNDED and high[b] - c < high[a]:
                 high[a], changed = high[b] - c, True
             if equal[k]:
-                if low[b] > -FREE and low[b] - c > low[a]:
+                if low[b] > -_UNBOUNDED and low[b] - c > low[a]:
                     low[a], changed = low[b] - c, True
-                if high[a] < FREE and high[a] + c < high[b]:
+                if high[a] < _UNBOUNDED and high[a] + c < high[b]:
                     high[b], changed = high[a] + c, True
             if low[a] > high[a] or low[b] > high[b]:
                 return False
