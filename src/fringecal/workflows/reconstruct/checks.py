@@ -48,7 +48,7 @@ def _near_mm(found: Measurement) -> float:
 
 def _below(name: str, value: float, limit: float, unit: str) -> Check:
     rules = {
-        "mm": "of a plane through its pixels, beyond what their uncertainty explains",
+        "mm": "rise of a plane through its pixels over their extent, beyond what their uncertainty explains",
         "": "root mean square of the pixels' departure from their plane over their random standard uncertainty",
     }
     decision = "pass" if value <= limit else "fail"
