@@ -9,6 +9,7 @@ import pytest
 from fringecal.phase import demodulate
 from fringecal.phase.unwrapping.regions import smooth_regions
 from fringecal.reconstruct import Reason, absolute_phase
+from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
 
@@ -118,6 +119,20 @@ def test_what_nothing_bounds_stays_open():
     assert np.isnan(book.orders()[2])
     assert not book.choose(2, -1)
     assert book.choose(2, 4)
+
+
+def test_many_small_regions_do_not_hang_on_a_short_border():
+    """Nine regions of 900 px in a row meet over 30 px each; the first meets the plate, region 0, over so many."""
+    chain = [(k, k + 1, 1, 30) for k in range(1, 9)]
+    sizes, orders = np.array([90_000] + 9 * [900]), np.array([0.0] + 9 * [np.nan])
+    breadth = np.sqrt(9 * 900)
+    for pairs, hangs in ((int(0.3 * breadth), False), (int(0.5 * breadth), True)):
+        found = orders_by_contact(np.array([(0, 1, 2, pairs), *chain]), sizes, orders)
+        assert found == ({k: 1 + k for k in range(1, 10)} if hangs else {})
+
+
+def test_without_borders_nothing_hangs():
+    assert orders_by_contact(np.zeros((0, 4), np.int64), np.array([10, 10]), np.array([0.0, np.nan])) == {}
 
 
 def test_a_region_in_which_paths_disagree_is_narrowed_until_they_agree():

@@ -129,10 +129,11 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
 
 
 def trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
-    """Judge every border cell by cell; rows of a, b and the order that b lacks, the longest border first, (n, 3).
+    """Judge every border cell by cell; rows of a, b, the order that b lacks, and how many pixel pairs agree, (n, 4).
 
-    A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge the sides differ by any amount,
-    and where they happen to meet that is so over a short stretch only; along a fold they meet throughout.
+    The longest border comes first. A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge
+    the sides differ by any amount, and where they happen to meet that is so over a short stretch only; along a fold
+    they meet throughout.
     """
     a, b, cell, order, meets = _pairs(values, labels).T
     border_first, border = _numbers(a, b)
@@ -151,7 +152,7 @@ def trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int6
     chosen, agreeing = chosen[leading], agreeing[leading]
     others = np.bincount(border, minlength=border_first.size)[border[chosen]] - agreeing
     trusted = agreeing >= np.maximum(_LEAST_BORDER, _LEAST_LEAD * others)
-    found = np.column_stack([a, b, order])[chosen[trusted]]
+    found = np.column_stack([np.column_stack([a, b, order])[chosen[trusted]], agreeing[trusted]])
     return found[np.lexsort((found[:, 1], found[:, 0], (others - agreeing)[trusted]))]
 
 
@@ -161,7 +162,7 @@ def _join(borders, orders, groups):  # type: ignore[no-untyped-def]
     following = np.full(groups.size, -1)  # the next member of a group, from its number on
     last = groups.copy()
     for k in range(borders.shape[0]):
-        a, b, order = borders[k]
+        a, b, order = borders[k, 0], borders[k, 1], borders[k, 2]
         into, from_ = groups[a], groups[b]
         if into != from_:
             change = order + orders[a] - orders[b]

@@ -57,7 +57,7 @@ class Regions:
         return Regions(values, kept, labels)
 
     def borders(self) -> NDArray[np.int64]:
-        """Return borders along which both sides meet: rows of regions a, b and the fringes b lacks, longest first."""
+        """Return borders along which both sides meet: rows of regions a, b, the fringes b lacks, pixel pairs."""
         return trusted_borders(self.values, self.labels)
 
 

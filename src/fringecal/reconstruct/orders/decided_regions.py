@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
 from fringecal.phase import Regions
+from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import EpipolarLines
 from fringecal.reconstruct.orders.line_evidence import FREE, FROM_SAME, mark_runs, passages
 from fringecal.reconstruct.orders.piece_orders import plate_votes
@@ -207,7 +208,8 @@ def _start_at_plate(
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
     borders = regions.borders()
-    _by_contact(book, borders[((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)], rising)
+    usable = ((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)
+    _by_contact(book, borders[usable], regions, rising)
 
 
 def _chosen_main(book: OrderBook, plate: PlateVotes, rising: int, rules: DecisionRules) -> bool:
@@ -337,20 +339,10 @@ def _at_rim(regions: Regions, rules: DecisionRules) -> NDArray[np.bool_]:
     return found
 
 
-def _by_contact(book: OrderBook, borders: Ints, rising: int) -> None:
-    """Carry orders over borders along which both sides meet, the longest first, from what is decided."""
-    waiting = [tuple(int(n) for n in row) for row in borders]
-    going = True
-    while going:
-        going = False
-        for k, (a, b, lacking) in enumerate(waiting):
-            known = [book.low[r] == book.high[r] for r in (a, b)]
-            if known[0] == known[1]:
-                continue
-            if known[0]:
-                book.choose(b, int(book.low[a]) + rising * lacking)
-            else:
-                book.choose(a, int(book.low[b]) - rising * lacking)
-            del waiting[k]
-            going = True
-            break
+def _by_contact(book: OrderBook, borders: Ints, regions: Regions, rising: int) -> None:
+    """Carry orders over borders along which both sides meet, from what is decided."""
+    sizes = np.bincount(regions.labels.ravel(), minlength=regions.number + 1)
+    orders = np.where(book.low == book.high, rising * book.low, np.nan)
+    for region, order in orders_by_contact(borders, sizes, orders).items():
+        if np.isnan(orders[region]):
+            book.choose(region, rising * order)
