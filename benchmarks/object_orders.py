@@ -18,9 +18,10 @@ from object_population import Case, draw_case, facts
 
 def measured(case: Case) -> dict[str, float]:
     """Rates of one case."""
-    found = absolute_phase(demodulate(case.frames.frames, case.phase_shifts_rad), case.calibration)
+    phase = demodulate(case.frames.frames, case.phase_shifts_rad)
+    found = absolute_phase(phase, case.calibration)
     truth, valid = case.true_step_rad(), found.reasons == 0
-    decidable = case.decidable() & (demodulate(case.frames.frames, case.phase_shifts_rad).reasons == 0)
+    decidable = case.decidable() & phase.valid
     wrong = valid & ~(np.abs(found.difference_rad - truth) < np.pi)
     return {
         "valid": int(valid.sum()),

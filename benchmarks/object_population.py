@@ -59,6 +59,8 @@ class Case:
         step, lit = self.true_step_rad(), self.frames.lit
         links = ndimage.label(np.kron(lit, np.ones((2, 2), bool)) & _open_links(step, lit))[0][::2, ::2]
         plate = lit & (np.abs(self.frames.z) < 1e-6)
+        if not plate.any():
+            return plate
         sizes = np.bincount(links[plate])
         return (links == int(np.argmax(sizes))) & lit
 
