@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from fringecal.numerics import TURN, over_bands, wrap
@@ -20,7 +21,9 @@ from fringecal.reconstruct.row_rays import rig_rows
 
 Array = NDArray[np.float64]
 
-_SAMPLE_PX = 3  # every so many pixels say what u(phi) is typical
+_NONE, _NO_PHASE, _NO_RAY = np.uint8(0), np.uint8(Reason.NO_PHASE), np.uint8(Reason.NO_RAY)
+_UNDECIDED = np.uint8(Reason.ORDER_UNDECIDED)
+_SAMPLE_PX = 9  # every so many pixels say what u(phi) is typical
 
 
 @dataclass(frozen=True)
@@ -70,18 +73,36 @@ def absolute_phase(
     instead of in fringes, and a piece that touches no plate is taken to lie less than a cycle above it.
     """
     wrapped = _wrapped_step(phase_map, calibration)
-    valid = np.isfinite(wrapped)
-    reasons = np.where(phase_map.valid, 0, int(Reason.NO_PHASE)).astype(np.uint8)
-    reasons[phase_map.valid & ~valid] = int(Reason.NO_RAY)
+    valid, reasons = np.isfinite(wrapped), np.empty(wrapped.shape, np.uint8)
+    over_bands(_why_not, len(reasons), phase_map.valid, valid, reasons)
     if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
         step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm)
     elif (regions := smooth_regions(wrapped, valid)) is not None:
         step, open_pieces = _by_evidence(phase_map, regions, calibration, height_range_mm, reasons)
     else:
         step, open_pieces = np.full(wrapped.shape, np.nan), 1
-    reasons[(reasons == 0) & ~np.isfinite(step)] = int(Reason.ORDER_UNDECIDED)
-    step[reasons != 0] = np.nan
+    over_bands(_mask_open, len(step), step, reasons)
     return ObjectPhase(step, phase_map.sigma, reasons, open_pieces)
+
+
+@njit(nogil=True, cache=True)
+def _why_not(first, last, has_phase, has_step, reasons):  # type: ignore[no-untyped-def]
+    """Write why pixels of some rows have no wrapped step, 0 where they have one."""
+    for v in range(first, last):
+        for u in range(reasons.shape[1]):
+            missing = _NO_RAY if has_phase[v, u] else _NO_PHASE
+            reasons[v, u] = _NONE if has_step[v, u] else missing
+
+
+@njit(nogil=True, cache=True)
+def _mask_open(first, last, step, reasons):  # type: ignore[no-untyped-def]
+    """Mask the step of some rows where there is a reason to, and give what has no order its own."""
+    for v in range(first, last):
+        for u in range(reasons.shape[1]):
+            if reasons[v, u] != _NONE:
+                step[v, u] = np.nan
+            elif not np.isfinite(step[v, u]):
+                reasons[v, u], step[v, u] = _UNDECIDED, np.nan
 
 
 def _by_cycle(

@@ -15,7 +15,20 @@ from fringecal.numerics import TURN
 from fringecal.phase import Regions
 from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import EpipolarLines
-from fringecal.reconstruct.orders.line_evidence import FREE, FROM_SAME, mark_runs, passages
+from fringecal.reconstruct.orders.line_evidence import (
+    END_U,
+    END_V,
+    ENTRY,
+    FIRST,
+    FREE,
+    FROM_SAME,
+    START_U,
+    START_V,
+    WAY_IN,
+    breadths,
+    mark_runs,
+    passages,
+)
 from fringecal.reconstruct.orders.piece_orders import plate_votes
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of, stretches
 
@@ -64,7 +77,7 @@ class DecisionRules:
     edge_sigmas: float = 10.0
     edge_limits_rad: tuple[float, float] = (0.08, 0.5)
     dark_sigmas: float = 2.0
-    sample_px: int = 3
+    sample_px: int = 9
     rim_px: int = 12
 
 
@@ -235,12 +248,13 @@ def gathered(
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
-        whole = _closed(mark_runs(found[wrong & (found[:, 10] == FREE)], regions.cores.shape, lines), rules.closing_px)
-        cut = mark_runs(found[edged | (wrong & (found[:, 10] != FREE))], regions.cores.shape, lines)
+        free = found[:, WAY_IN] == FREE
+        whole = _closed(mark_runs(found[wrong & free], regions.cores.shape, lines), rules.closing_px)
+        cut = mark_runs(found[edged | (wrong & ~free)], regions.cores.shape, lines)
         cut = _closed(cut, rules.bridged_px)
-        inside = np.isin(regions.cores, np.unique(found[wrong | edged, 0]).astype(int))
+        inside = np.isin(regions.cores, np.unique(found[wrong | edged, FIRST]).astype(int))
         own = cut & ~whole & inside
-        changed = np.unique(found[wrong | edged, 0]).astype(np.int64)
+        changed = np.unique(found[wrong | edged, FIRST]).astype(np.int64)
         out = whole & inside
         regions = _split(regions, own, out, changed)
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
@@ -252,23 +266,15 @@ def _walked(
 ) -> tuple[Array, Passages, Bounds]:
     """Return all passages, what they say of absolute phase, and the bounds that they vote for."""
     found = passages(regions.values, regions.cores, light, lines, noise.edge_rad)
-    ends = plate_at(found[:, (3, 5)], found[:, (4, 6)])
+    ends = plate_at(found[:, (END_U, START_U)], found[:, (END_V, START_V)])
     seen = Passages.of(found, ends, lines.rising, regions.cores.shape)
-    return found, seen, bounds_of(seen, _breadths(regions, lines), noise.dark_level)
-
-
-def _breadths(regions: Regions, lines: EpipolarLines) -> Ints:
-    """Return how many lines cross each region, about."""
-    cores = regions.cores if lines.along_columns else regions.cores.T
-    crossed = np.zeros((int(cores.max(initial=0)) + 1, cores.shape[1]), bool)
-    crossed[cores, np.arange(cores.shape[1])] = True
-    return np.count_nonzero(crossed, axis=1)
+    return found, seen, bounds_of(seen, breadths(regions.cores, lines), noise.dark_level)
 
 
 def _entered_over_inner_edges(found: Array, shape: tuple[int, int], rules: DecisionRules) -> NDArray[np.bool_]:
     """Passages whose first region was entered over an edge within it that is seen on enough neighbouring lines."""
-    edged = found[:, 10] == FROM_SAME
-    v, u = np.divmod(found[:, 9].astype(np.int64), shape[1])
+    edged = found[:, WAY_IN] == FROM_SAME
+    v, u = np.divmod(found[:, ENTRY].astype(np.int64), shape[1])
     places = stretches(u[edged], v[edged], shape)
     edged[edged] = np.bincount(places)[places] >= rules.edge_lines
     return np.asarray(edged)

@@ -16,11 +16,12 @@ MEETING, SHADOW, END = 0, 1, 2
 FREE, FROM_OTHER, FROM_SHADOW, FROM_SAME = 0, 1, 2, 3
 """How a region was entered: at the picture's border, from another region, over a shadow, over an edge within it."""
 
-N_FIELDS = 12
+FIRST, SECOND, KIND, END_U, END_V, START_U, START_V, END_RAD, START_RAD, ENTRY, WAY_IN, DARK_LEVEL = range(12)
 """Columns of a passage: the two regions; its kind; where the one ends and the other starts, px; their steps over the
 plate continued to there, rad; flat index of the pixel where the first region was entered, and over which kind of edge;
 the mean modulation inside the dark band.
 """
+N_FIELDS = 12
 
 _MOST_PASSAGES = 48  # of one line: more are noise
 _MOST_EDGE_PX = 16  # between smooth pixels of two regions that count as side by side
@@ -95,12 +96,24 @@ def _band(light, b_of, a, since, forward, columns, width, level_before, level_af
 
 
 @njit(inline="always")
+def _end_of_run(a, run, b_of, forward, step, light, columns, width):  # type: ignore[no-untyped-def]
+    """Return step, slope along the line, and modulation at the last pixel of a run of so many steps."""
+    pixel = _pixel(a, int(np.rint(b_of[a])), columns, width)
+    slope = 0.0
+    if run > _LEAST_SLOPE_PX:
+        far = _SLOPE_PX if run > _SLOPE_PX else _LEAST_SLOPE_PX
+        back = a - forward * far
+        slope = (step[pixel] - step[_pixel(back, int(np.rint(b_of[back])), columns, width)]) / far
+    return step[pixel], slope, light[pixel]
+
+
+@njit(inline="always")
 def _write_end(passages, found, label, begin, way_in, a, b_of, columns):  # type: ignore[no-untyped-def]
     """Write that the picture ends a run that was entered over an edge within its region; return how many there are."""
     out = passages[found]
-    out[0], out[1], out[2], out[9], out[10] = label, label, END, begin, way_in
-    _write_place(out, 3, float(a), b_of, columns)
-    _write_place(out, 5, float(a), b_of, columns)
+    out[FIRST], out[SECOND], out[KIND], out[ENTRY], out[WAY_IN] = label, label, END, begin, way_in
+    _write_place(out, END_U, float(a), b_of, columns)
+    _write_place(out, START_U, float(a), b_of, columns)
     return found + 1
 
 
@@ -135,12 +148,10 @@ def _walk(first, last, step, cores, light, shape, lines, passages, counts):  # t
                 continue
             if here == label and since == 0:
                 run += 1
-                if run > _LEAST_SLOPE_PX:
-                    back = a - forward * (_SLOPE_PX if run > _SLOPE_PX else _LEAST_SLOPE_PX)
-                    before = step[_pixel(back, int(np.rint(b_of[back])), columns, width)]
-                    slope = (step[pixel] - before) / abs(a - back)
-                value, level = step[pixel], light[pixel]
                 continue
+            last = a - forward * (since + 1)
+            if label > 0:
+                value, slope, level = _end_of_run(last, run, b_of, forward, step, light, columns, width)
             dark = 0
             ahead = _slope_ahead(a, b_of, forward, here, cores, step, columns, width, length, breadth)
             jump = abs(_turned(step[pixel] - value - (slope + ahead) * (since + 1) / 2))
@@ -157,17 +168,17 @@ def _walk(first, last, step, cores, light, shape, lines, passages, counts):  # t
                     ahead = ahead if ahead == ahead else 0.0
                     before, after = (ends[0], ends[1]) if shadow else ((since + 1) / 2, (since + 1) / 2)
                     out = passages[line, found]
-                    out[0], out[1], out[2] = label, here, SHADOW if shadow else (MEETING if meeting else END)
-                    out[9], out[10], out[11] = begin, way_in, ends[2]
-                    out[7], out[8] = value + slope * before, step[pixel] - ahead * after
-                    _write_place(out, 3, a - forward * (since + 1 - before), b_of, columns)
-                    _write_place(out, 5, a - forward * after, b_of, columns)
+                    out[FIRST], out[SECOND] = label, here
+                    out[KIND] = SHADOW if shadow else (MEETING if meeting else END)
+                    out[ENTRY], out[WAY_IN], out[DARK_LEVEL] = begin, way_in, ends[2]
+                    out[END_RAD], out[START_RAD] = value + slope * before, step[pixel] - ahead * after
+                    _write_place(out, END_U, a - forward * (since + 1 - before), b_of, columns)
+                    _write_place(out, START_U, a - forward * after, b_of, columns)
                     found += 1
             if here != label or dark > 1 or broken:
                 begin = np.int64(pixel)
                 way_in = _way_in(label, here, dark)
             label, run, since = here, 0, 0
-            value, slope, level = step[pixel], 0.0, light[pixel]
         if label > 0 and way_in == FROM_SAME and found < passages.shape[1]:
             a = length - 1 if forward > 0 else 0
             found = _write_end(passages[line], found, label, begin, way_in, a, b_of, columns)
@@ -198,7 +209,7 @@ def _slope_ahead(a, b_of, forward, label, cores, step, columns, width, length, b
 
 
 def passages(step, cores, light, lines: EpipolarLines, edge_rad=_EDGE_RAD):  # type: ignore[no-untyped-def]
-    """Return all passages between smooth regions along epipolar lines, (n, 12); see `N_FIELDS`.
+    """Return all passages between smooth regions along epipolar lines, (n, `N_FIELDS`); columns `FIRST` to `DARK_LEVEL`.
 
     Parameters
     ----------
@@ -226,22 +237,44 @@ def passages(step, cores, light, lines: EpipolarLines, edge_rad=_EDGE_RAD):  # t
     return found[np.arange(_MOST_PASSAGES) < counts[:, None]]
 
 
+def breadths(cores, lines: EpipolarLines):  # type: ignore[no-untyped-def]
+    """Return how many lines cross each region, about: columns of the picture, or rows, that hold some of it.
+
+    Parameters
+    ----------
+    cores
+        Number of the region at smooth pixels, 0 elsewhere, int32, (H, W).
+    lines
+        The epipolar lines.
+    """
+    crossed = np.zeros((int(cores.max(initial=0)) + 1, cores.shape[1 if lines.along_columns else 0]), np.bool_)
+    _mark_crossed(cores, lines.along_columns, crossed)
+    return np.count_nonzero(crossed, axis=1)
+
+
+@njit(cache=True)
+def _mark_crossed(cores, columns, crossed):  # type: ignore[no-untyped-def]
+    for v in range(cores.shape[0]):
+        for u in range(cores.shape[1]):
+            crossed[cores[v, u], u if columns else v] = True
+
+
 def mark_runs(found, shape, lines: EpipolarLines):  # type: ignore[no-untyped-def]
     """Return a mask of the first regions' runs of some passages: from where each was entered to where it ends.
 
     Parameters
     ----------
     found
-        Passages, (n, 12).
+        Passages, (n, `N_FIELDS`).
     shape
         Of the picture.
     lines
         The epipolar lines.
     """
     mask = np.zeros(shape, np.bool_)
-    entered = found[:, 9].astype(np.int64)
+    entered = found[:, ENTRY].astype(np.int64)
     v, u = np.divmod(entered, shape[1])
-    begin, end = (v, found[:, 4]) if lines.along_columns else (u, found[:, 3])
+    begin, end = (v, found[:, END_V]) if lines.along_columns else (u, found[:, END_U])
     across = u if lines.along_columns else v
     _mark(begin.astype(np.int64), np.rint(end).astype(np.int64), across.astype(np.int64),
           (lines.along_columns, lines.forward, *lines.slope), mask)  # fmt: skip

@@ -16,7 +16,18 @@ from numba import njit
 from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
-from fringecal.reconstruct.orders.line_evidence import MEETING, SHADOW
+from fringecal.reconstruct.orders.line_evidence import (
+    DARK_LEVEL,
+    END_RAD,
+    END_U,
+    END_V,
+    FIRST,
+    KIND,
+    MEETING,
+    SECOND,
+    SHADOW,
+    START_RAD,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -103,12 +114,12 @@ class Passages:
     @classmethod
     def of(cls, found: Array, plate_rad: Array, rising: int, shape: tuple[int, int]) -> "Passages":
         """Add the plate's phase at both ends, (n, 2), rad, to the steps; only over shadows does it matter."""
-        shadow, meeting = found[:, 2] == SHADOW, found[:, 2] == MEETING
-        gain = found[:, 8] - found[:, 7] + np.where(shadow, plate_rad[:, 1] - plate_rad[:, 0], 0.0)
-        first, second = (found[:, k].astype(np.int64) for k in (0, 1))
-        u, v = (np.rint(found[:, k]).astype(np.int64) for k in (3, 4))
+        shadow, meeting = found[:, KIND] == SHADOW, found[:, KIND] == MEETING
+        gain = found[:, START_RAD] - found[:, END_RAD] + np.where(shadow, plate_rad[:, 1] - plate_rad[:, 0], 0.0)
+        first, second = (found[:, k].astype(np.int64) for k in (FIRST, SECOND))
+        u, v = (np.rint(found[:, k]).astype(np.int64) for k in (END_U, END_V))
         place = stretches(u, v, shape)
-        return cls(first, second, shadow, meeting, place, rising * gain, found[:, 11])
+        return cls(first, second, shadow, meeting, place, rising * gain, found[:, DARK_LEVEL])
 
     def least_fringes(self) -> Ints:
         """Fringes that the second region needs so that no ray runs back, to half a fringe."""
