@@ -11,6 +11,7 @@ from fringecal.detect.grid.lattice import Lattice
 from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.detect.grid.nodes import NO_LENGTH_PX, Edges, along, edges_between
 from fringecal.detect.grid.seeds import CoarseGrid
+from fringecal.detect.picture_samples import brightness_at
 from fringecal.errors import DetectionError
 
 FloatArray = npt.NDArray[np.float64]
@@ -192,8 +193,7 @@ def _contrast_at_thirds(
 
 def _sampled(grey: npt.NDArray[np.float32], at: FloatArray) -> FloatArray:
     """Picture at points (n, m, 2), bilinear."""
-    u, v = at[..., 0].astype(np.float32), at[..., 1].astype(np.float32)
-    return cv2.remap(grey, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).astype(np.float64)
+    return brightness_at(grey, at[..., 0], at[..., 1])
 
 
 def _half_cell(nodes: FloatArray) -> FloatArray:

@@ -4,10 +4,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 from scipy import optimize, special
+
+from fringecal.detect.picture_samples import brightness_at
 
 FloatArray = npt.NDArray[np.float64]
 Integral = Callable[[FloatArray], FloatArray]
@@ -168,13 +169,7 @@ def _sections(
     for t in np.linspace(*CLEAR_PART, SECTIONS):
         middle = start + t * along + shift[:, None] * normal
         at = middle[:, None, :] + distance[None, :, None] * normal[:, None, :]
-        total += cv2.remap(
-            image,
-            at[..., 0].astype(np.float32),
-            at[..., 1].astype(np.float32),
-            cv2.INTER_CUBIC,
-            borderMode=cv2.BORDER_REPLICATE,
-        )
+        total += brightness_at(image, at[..., 0], at[..., 1], cubic=True)
     return total / SECTIONS
 
 
