@@ -12,7 +12,7 @@ from fringecal.calibration.standards import (
     with_standards,
 )
 from fringecal.calibration.surfaces import PlateSurface, StripSurfaces, observe_surfaces
-from fringecal.phase import Waveform
+from fringecal.phase import PlateLook, Waveform
 from fringecal.projector import (
     Observations,
     OrderDecision,
@@ -113,7 +113,7 @@ def calibrate_surfaces(
     observations, orders = observe_surfaces(plate, strips)
     progress("joint fit of the rig")
     rig, fit, observations, seen = _fitted(camera, plate, observations, standards, projector, progress)
-    rig = replace(rig, wave=wave, orders=plate.orders)
+    rig = replace(rig, wave=wave, orders=plate.orders, look=PlateLook.of(plate.phase))
     progress("projection angle")
     return Calibrated(
         camera=camera,

@@ -49,7 +49,7 @@ def reconstruct(
     from fringecal.records import limits_for, read_calibration, result_folder, write_profiles, write_surfaces
     from fringecal.session import load_session
     from fringecal.verification import FILTERS
-    from fringecal.workflows.reconstruct import measurement_checks, measurement_report, section_rows
+    from fringecal.workflows.reconstruct import causes_in_words, measurement_checks, measurement_report, section_rows
     from fringecal.workflows.reconstruct import reconstruct as run
     from fringecal.workflows.shared import Treatment, calibration_of, demand_same_rig
 
@@ -98,15 +98,16 @@ def reconstruct(
         "report": str(out / "report.html"),
     }
     checks = measurement_checks(found, allowed)
+    causes = causes_in_words(found, allowed)
     if as_json:
-        print_json(summary | {"checks": [check.model_dump(mode="json") for check in checks]})
+        print_json(summary | {"checks": [check.model_dump(mode="json") for check in checks], "causes": causes})
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE if any(check.decision == "fail" for check in checks) else EXIT_PASS)
     console.print(
         f"{summary['capture']}: z from {summary['z_min_mm']:.3f} to {summary['z_max_mm']:.3f} mm, median u(z) "
         f"{summary['u_z_median_mm']:.4f} mm, {100 * found.shares()['valid']:.1f} % of the picture valid",
         highlight=False,
     )
-    print_outcome(checks, (f"surface: {summary['height']}",), out)
+    print_outcome(checks, (*causes, f"surface: {summary['height']}"), out)
 
 
 def _demand_rows(rows: list[int], height: int) -> None:

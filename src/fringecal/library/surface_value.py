@@ -8,9 +8,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.library.verdicts import tabulated
 from fringecal.reconstruct import HeightMap
-from fringecal.records import result_folder, write_surfaces
+from fringecal.records import Check, result_folder, write_surfaces
 from fringecal.report import height_map
+from fringecal.workflows.shared import severest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,11 +29,25 @@ class Surface:
     heights
         The height map with its uncertainty by component and the reasons of its mask.
     notes
-        What a reader should know of the frames: which phase shifts were used, what was found wrong with them.
+        What a reader should know of the frames: which phase shifts were used, why the capture does not fit the
+        calibration, what was found wrong with the frames.
+    judged
+        Checks of the capture against the calibration.
     """
 
     heights: HeightMap
     notes: tuple[str, ...] = ()
+    judged: tuple[Check, ...] = ()
+
+    @property
+    def checks(self) -> pd.DataFrame:
+        """Every check of the capture against the calibration with its value, u, limit, decision and rule."""
+        return tabulated(self.judged)
+
+    @property
+    def verdict(self) -> str:
+        """The severest decision of all checks, on whether the capture fits the calibration."""
+        return severest(self.judged)
 
     @property
     def x(self) -> Map:

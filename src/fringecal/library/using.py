@@ -14,7 +14,7 @@ from fringecal.library.verdicts import AuditResult, VerificationResult
 from fringecal.session import Capture, Session, capture_of_arrays, load_session, session_of_captures
 from fringecal.targets import Target
 from fringecal.workflows.audit import audit as audit_session
-from fringecal.workflows.reconstruct import reconstruct
+from fringecal.workflows.reconstruct import causes_in_words, measurement_checks, reconstruct
 from fringecal.workflows.verify import VERIFIED, verify_capture
 
 
@@ -73,7 +73,8 @@ def measure(
     capture = _capture(calibration, "object", "object", frames, None, phase_shifts_deg, periods, white_level)
     session = session_of_captures([capture], rig=calibration.record.session.rig)
     found = reconstruct(session, capture.name, calibration.rig, model=model, height_range_mm=height_range_mm)
-    return Surface(found.surface, (found.phase.sentence(), *found.diagnosed.sentences()))
+    notes = (found.phase.sentence(), *causes_in_words(found), *found.diagnosed.sentences())
+    return Surface(found.surface, notes, measurement_checks(found))
 
 
 def verify(

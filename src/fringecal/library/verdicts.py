@@ -11,7 +11,8 @@ from fringecal.workflows.shared import severest
 from fringecal.workflows.verify import ArtefactVerification, Verification, artefact_checks, verification_checks
 
 
-def _tabulated(checks: tuple[Check, ...]) -> pd.DataFrame:
+def tabulated(checks: tuple[Check, ...]) -> pd.DataFrame:
+    """Return checks as a table: value, u, unit, limit, decision and rule by name."""
     columns = ["name", "value", "u", "unit", "limit", "decision", "rule"]
     return pd.DataFrame([check.model_dump() for check in checks], columns=columns).set_index("name")
 
@@ -50,7 +51,7 @@ class VerificationResult:
     @property
     def checks(self) -> pd.DataFrame:
         """Every check with its value, limit, decision and rule."""
-        return _tabulated(self._checks)
+        return tabulated(self._checks)
 
     @property
     def verdict(self) -> str:
@@ -112,7 +113,7 @@ class AuditResult:
     @property
     def checks(self) -> pd.DataFrame:
         """Every check with its value, limit, decision and rule."""
-        return _tabulated(audit_checks(self.found))
+        return tabulated(audit_checks(self.found))
 
     @property
     def verdict(self) -> str:

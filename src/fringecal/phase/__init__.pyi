@@ -157,6 +157,18 @@ from .orders.temporal import (
 from .orders.temporal import (
     unwrap_temporal as unwrap_temporal,
 )
+from .plate_look.look import (
+    TILE_PX as TILE_PX,
+)
+from .plate_look.look import (
+    PlateLook as PlateLook,
+)
+from .plate_look.look import (
+    cells_of as cells_of,
+)
+from .plate_look.texture import (
+    texture_of as texture_of,
+)
 from .single_frame.fourier import (
     fourier_phase as fourier_phase,
 )

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.numerics import DRAW_SEED, powers_up_to
-from fringecal.phase import PlateOrders, Waveform
+from fringecal.phase import PlateLook, PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
 from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent, combined
@@ -30,7 +30,8 @@ class RigCalibration:
     """Camera, rig model and the components of their joint uncertainty, whose effects run over all parameters.
 
     The parameter vector is camera (`CAMERA_NAMES`), rig (`RIG_NAMES`), coefficients of the plate residual. `wave` is
-    the waveform of the fringes as found on the plate, `orders` how further periods number them.
+    the waveform of the fringes as found on the plate, `orders` how further periods number them, `look` what the plate
+    looked like.
     """
 
     camera: PlateCamera
@@ -39,6 +40,7 @@ class RigCalibration:
     excess_rad: float = 0.0
     wave: Waveform | None = None
     orders: PlateOrders | None = None
+    look: PlateLook | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -1,3 +1,18 @@
+from .against_plate.capture_held import (
+    CaptureHeld as CaptureHeld,
+)
+from .against_plate.capture_held import (
+    capture_held as capture_held,
+)
+from .against_plate.picture_pose import (
+    Pose as Pose,
+)
+from .against_plate.picture_pose import (
+    PoseKind as PoseKind,
+)
+from .against_plate.texture_shift import (
+    REACH_PX as REACH_PX,
+)
 from .extent import (
     Extent as Extent,
 )

@@ -181,6 +181,15 @@ from .limits import (
 from .limits import (
     limits_for as limits_for,
 )
+from .look_record import (
+    LookRecord as LookRecord,
+)
+from .look_record import (
+    packed as packed,
+)
+from .look_record import (
+    unpacked as unpacked,
+)
 from .parts import (
     BudgetRow as BudgetRow,
 )

@@ -9,6 +9,7 @@ from pydantic import Field, model_validator
 from fringecal.records.documents import parse_document, read_document, write_document
 from fringecal.records.lens_record import LensRecord
 from fringecal.records.limits import Limits
+from fringecal.records.look_record import LookRecord
 from fringecal.records.parts import (
     BudgetRow,
     Check,
@@ -261,6 +262,7 @@ class CalibrationRecord(Provenance):
     notes: tuple[str, ...] = ()
     advice: AdviceRecord | None = None
     appearance: AppearanceRecord | None = Field(default=None, description="null in records of older versions")
+    look: LookRecord | None = Field(default=None, description="the plate's picture; null in records of older versions")
 
     @model_validator(mode="after")
     def _rig_and_camera_agree(self) -> Self:

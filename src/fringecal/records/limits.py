@@ -49,6 +49,9 @@ class ReconstructLimits(_Table):
 
     plate_height_mm: Limit = 0.1  # every height is off by as much
     plate_rise_mm: Limit = 0.2  # over the plate in view
+    picture_shift_px: Limit = 0.3  # as the grid's residual: where a surface rises by 45 deg, heights are off by as much
+    contrast_percent: Limit = 10.0  # as an audit's: what blurs the fringes by so much moves edges by half a pixel
+    sharpness_percent: Limit = 30.0  # of texture as fine as a pixel, which a blur of 0.5 px takes
     plate_scatter_ratio: Limit = 1.5  # 1.0 to 1.2 on sound captures; a frame moved by 2 px gives 10 and more
 
 

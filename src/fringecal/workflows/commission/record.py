@@ -22,6 +22,7 @@ from fringecal.workflows.shared import (
     appearance_of,
     budget_rows,
     inputs_of,
+    look_record,
     orders_record,
     session_note,
     steps_record,
@@ -72,6 +73,7 @@ def calibration_record(
         ),
         advice=_advice_record(found.advice),
         appearance=appearance_of(found.calibrated.reference, result.camera.detection),
+        look=look_record(result.rig.look),
     )
 
 

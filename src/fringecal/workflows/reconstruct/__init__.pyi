@@ -1,5 +1,14 @@
+from .capture_causes import (
+    causes_of as causes_of,
+)
+from .checks import (
+    measurement_causes as measurement_causes,
+)
 from .checks import (
     measurement_checks as measurement_checks,
+)
+from .report import (
+    causes_in_words as causes_in_words,
 )
 from .report import (
     measurement_report as measurement_report,

@@ -1,10 +1,21 @@
 """Named checks of a measurement: whether the capture fits the calibration that it is measured with."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from fringecal.reconstruct import visible_plate
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
+from fringecal.workflows.reconstruct.capture_causes import (
+    SIGNIFICANT,
+    causes_of,
+    contrast_lost,
+    displacement,
+    is_displaced,
+    sharpness_lost,
+    texture_lost,
+)
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import judged
 
@@ -13,11 +24,21 @@ _TEST_RAD = 1e-3
 
 
 def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
-    """Judge the plate beside the object: its height, its level, and its scatter.
+    """Judge the plate beside the object; the picture's place, contrast and texture against those of the calibration.
 
-    A plate or camera that moved shifts or tilts it, and so do frames in another order; a frame that moved, vibration
-    and a torn frame roughen it. What covers the whole picture, or the object alone, is not seen.
+    A plate or camera that moved shifts or tilts the plate, and so do frames in another order; a frame that moved,
+    vibration and a torn frame roughen it. What covers the whole picture, or the object alone, is not seen.
     """
+    return (*_plate_checks(found, limits), *_picture_checks(found, limits))
+
+
+def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
+    """Name in one sentence each why a capture does not fit its calibration; empty where it does."""
+    return causes_of(found.held, limits)
+
+
+def _plate_checks(found: Measurement, limits: Limits) -> tuple[Check, ...]:
+    """Judge height, rise and scatter of the plate beside the object."""
     if found.treatment.minus_plate:
         return ()
     plate = visible_plate(found.surface, _near_mm(found))
@@ -53,3 +74,50 @@ def _below(name: str, value: float, limit: float, unit: str) -> Check:
     }
     decision = "pass" if value <= limit else "fail"
     return Check(name=name, value=value, limit=limit, unit=unit, decision=decision, rule=rules[unit])
+
+
+def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
+    """Judge where the picture lies, and how sharp it is."""
+    held = found.held
+    yield _displacement_check(found, limits)
+    if held.light is not None:
+        yield Check(
+            name="plate beside the object: contrast",
+            value=100 * (1 - held.light.contrast),
+            u=100 * held.light.u_contrast,
+            limit=limits.reconstruct.contrast_percent,
+            unit="%",
+            decision="fail" if contrast_lost(held, limits) else "pass",
+            rule="by how much modulation over background fell since the calibration, median over the plate in view",
+        )
+    if held.texture is not None and held.texture_expected and held.texture.found:
+        yield Check(
+            name="plate beside the object: sharpness",
+            value=100 * (1 - held.texture.sharpness),
+            u=100 / held.texture.clearness,
+            limit=limits.reconstruct.sharpness_percent,
+            unit="%",
+            decision="fail" if sharpness_lost(held, limits) else "pass",
+            rule="by how much the amplitude of the plate's texture fell since the calibration",
+        )
+
+
+def _displacement_check(found: Measurement, limits: Limits) -> Check:
+    """Judge the picture's displacement; where it could not be seen, say from which size on it would have been."""
+    held, name, limit = found.held, "picture: displacement against the calibration", limits.reconstruct.picture_shift_px
+    seen = displacement(held)
+    if held.turned:
+        return Check(name=name, limit=limit, unit="px", decision="fail", rule=f"the picture is {held.turned}")
+    if texture_lost(held):
+        return Check(name=name, limit=limit, unit="px", decision="fail", rule="the plate's texture is not found again")
+    if seen is None:
+        rule = "could not be seen: too little plate in view, and no texture of it"
+        return Check(name=name, decision="info", rule=rule)
+    size, by = seen
+    least = SIGNIFICANT * size.u
+    values = {"name": name, "value": size.value, "u": size.u, "unit": "px"}
+    if is_displaced(held, limits):
+        return Check(**values, limit=limit, decision="fail", rule=f"by {by}")
+    if least > limit:
+        return Check(**values, decision="info", rule=f"by {by}: less than {least:.2g} px could not be seen")
+    return Check(**values, limit=limit, decision="pass", rule=f"by {by}; more than {least:.2g} px would have been seen")

@@ -23,7 +23,7 @@ from fringecal.report import (
     uncertainty_map,
 )
 from fringecal.uncertainty import Influence, Source
-from fringecal.workflows.reconstruct.checks import measurement_checks
+from fringecal.workflows.reconstruct.checks import measurement_causes, measurement_checks
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import (
@@ -63,7 +63,7 @@ def measurement_report(
         verdict=Verdict(severest(checks), _sentence(found)),
         facts=_facts(found),
         sections=(
-            *((Section("Capture against calibration", (), (checks_table(checks),)),) if checks else ()),
+            Section("Capture against calibration", causes_in_words(found, limits), (checks_table(checks),)),
             _height_section(found, values),
             relief_section(found, section_rows(found.surface.mask), values),
             _uncertainty_section(found, values),
@@ -76,6 +76,11 @@ def measurement_report(
         command=command,
         created=created,
     )
+
+
+def causes_in_words(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
+    """Return the causes for which a capture does not fit its calibration, one sentence each."""
+    return tuple(f"Probable cause: {cause}." for cause in measurement_causes(found, limits))
 
 
 def _sentence(found: Measurement) -> str:

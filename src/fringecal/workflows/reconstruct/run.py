@@ -7,8 +7,9 @@ import numpy as np
 
 from fringecal.errors import FitError, SessionError
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import HeightMap, Reason, reconstruct_height
+from fringecal.reconstruct import CaptureHeld, HeightMap, Reason, capture_held, reconstruct_height
 from fringecal.session import Capture, Session
+from fringecal.workflows.reconstruct.capture_causes import causes_of
 from fringecal.workflows.shared import (
     UNTREATED,
     CaptureDiagnosis,
@@ -26,7 +27,7 @@ from fringecal.workflows.shared import (
 
 @dataclass(frozen=True)
 class Measurement:
-    """An object's surface, the phase it was computed from, and the calibration that was applied."""
+    """An object's surface, the phase it was computed from, the calibration that was applied, and how both agree."""
 
     capture: Capture
     phase: CapturePhase
@@ -34,6 +35,7 @@ class Measurement:
     surface: HeightMap
     calibration: RigCalibration
     model: str
+    held: CaptureHeld
     treatment: Treatment = UNTREATED
 
     def shares(self) -> dict[str, float]:
@@ -86,10 +88,12 @@ def reconstruct(
         progress("heights of the plate")
         surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
     surface = filtered_heights(surface, treatment.after)
+    held = capture_held(phase.map, calibration)
     if not surface.mask.any():
-        raise FitError(_nothing_measured(capture.name, height_range_mm))
+        named = " ".join(f"It looks as if {cause}." for cause in causes_of(held))
+        raise FitError(" ".join(filter(None, (_nothing_measured(capture.name, height_range_mm), named))))
     diagnosed = diagnose_capture(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, diagnosed, surface, calibration, model, treatment)
+    return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment)
 
 
 def _plate_surface(

@@ -65,6 +65,9 @@ from .phase_notes import (
     findings_of as findings_of,
 )
 from .phase_notes import (
+    look_record as look_record,
+)
+from .phase_notes import (
     orders_record as orders_record,
 )
 from .phase_notes import (

@@ -5,8 +5,8 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.phase import PlateOrders, Waveform
-from fringecal.records import FindingRecord, OrdersRecord, StepsRecord, WaveRecord
+from fringecal.phase import PlateLook, PlateOrders, Waveform
+from fringecal.records import FindingRecord, LookRecord, OrdersRecord, StepsRecord, WaveRecord, packed, unpacked
 from fringecal.workflows.shared.capture_diagnosis import CaptureDiagnosis
 
 
@@ -74,6 +74,43 @@ def orders_record(orders: PlateOrders | None) -> OrdersRecord | None:
 def orders_of(written: OrdersRecord | None) -> PlateOrders | None:
     """Return how several periods number the fringes, as a record holds it."""
     return None if written is None else PlateOrders(**written.model_dump())
+
+
+def look_record(look: PlateLook | None) -> LookRecord | None:
+    """Return what the record keeps of how the plate looked: texture to half of its noise, light to 0.1 %."""
+    if look is None:
+        return None
+    step = max(look.noise_levels / 2, _LEAST_STEP)
+    lights = {name: (part, max(float(np.nanmax(part)), 1.0) * _LIGHT_STEP) for name, part in _lights(look).items()}
+    return LookRecord(
+        shape=look.shape,
+        corners_px=tuple((int(u), int(v)) for u, v in look.corners_px),
+        noise_levels=look.noise_levels,
+        texture=packed(look.texture, step),
+        **{name: packed(part, unit) for name, (part, unit) in lights.items()},
+    )
+
+
+_LEAST_STEP = 1e-3  # grey levels: pictures without noise are rounded to this
+_LIGHT_STEP = 1e-3  # of the brightest
+
+
+def _lights(look: PlateLook) -> dict[str, NDArray]:
+    return {"background": look.background, "modulation": look.modulation}
+
+
+def look_of(written: LookRecord | None) -> PlateLook | None:
+    """Return how the plate looked, as a record holds it."""
+    if written is None:
+        return None
+    return PlateLook(
+        written.shape,
+        unpacked(written.background),
+        unpacked(written.modulation),
+        np.array(written.corners_px, np.intp).reshape(-1, 2),
+        unpacked(written.texture).astype(np.float32),
+        written.noise_levels,
+    )
 
 
 def _numbers(values: NDArray) -> tuple[float, ...]:

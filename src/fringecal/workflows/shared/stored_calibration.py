@@ -7,7 +7,7 @@ from fringecal.errors import RecordError
 from fringecal.projector import RIG_NAMES, PlateResidual, RigCalibration, RigModel
 from fringecal.records import calibration_record as record
 from fringecal.uncertainty import Source, UncertaintyComponent
-from fringecal.workflows.shared.phase_notes import orders_of, wave_of
+from fringecal.workflows.shared.phase_notes import look_of, orders_of, wave_of
 
 
 def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
@@ -38,7 +38,13 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
     model = RigModel(np.array(written.rig.parameters), projector, residual)
     components = tuple(_component_of(mode) for mode in written.rig.modes)
     return RigCalibration(
-        camera, model, components, written.rig.excess_rad, wave_of(written.wave), orders_of(written.orders)
+        camera,
+        model,
+        components,
+        written.rig.excess_rad,
+        wave_of(written.wave),
+        orders_of(written.orders),
+        look_of(written.look),
     )
 
 

@@ -1,0 +1,1 @@
+"""What the bare plate looks like to the camera, kept for later captures."""
