@@ -55,7 +55,7 @@ def grid(
     image: Path = typer.Argument(..., help="Picture of the grid.", show_default=False),
     target: str | None = typer.Option(None, "--target", help="Line grid or dots: a shipped name or a TOML file."),
     pattern: str = typer.Option("lines", "--pattern", help="What to look for without a target: lines or dots."),
-    polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines."),
+    polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines or dots."),
     centre: str = typer.Option("auto", "--centre", help="Centre of distortion: auto, image or free."),
     out: Path | None = typer.Option(None, "--out", help="Folder for tables (CSV) and figures (PNG)."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-grid/1)."),
@@ -64,7 +64,7 @@ def grid(
     picture = read_picture(image)
     paper = None if target is None else _target(target)
     if isinstance(paper, Dots) or (paper is None and _pattern(pattern) == "dots"):
-        detection = find_dot_grid(picture)
+        detection = find_dot_grid(picture, polarity=_polarity(polarity))
     else:
         detection = find_grid(picture, polarity=_polarity(polarity))
     test = examine_distortion(detection, centre=_centre(centre))

@@ -17,6 +17,8 @@ DARKEST, BRIGHTEST = 0.1, 99.9
 NO_RANGE = 1e-12
 #: A ChArUco may be partly covered; fewer corners than these do not fix its pose and scale.
 MIN_CHARUCO_CORNERS = 8
+#: Smallest blob that is taken for a dot of a board, px^2; OpenCV's own limit is 25.
+MIN_DOT_AREA_PX = 9.0
 #: Tried in turn: neither search finds all boards that the other one does.
 CHESSBOARD_SEARCHES = (
     cv2.CALIB_CB_ACCURACY,
@@ -87,19 +89,37 @@ def find_charuco(
     ------
     DetectionError
         If fewer than eight corners are seen.
+
+    Notes
+    -----
+    OpenCV before 4.6 began boards with an even number of rows with a marker where later versions have a black
+    square. Where the later pattern is not found, the earlier one is tried; corners and their places are the same.
     """
-    known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
-    detector = cv2.aruco.CharucoDetector(cv2.aruco.CharucoBoard(squares, 1.0, marker_part, known))
-    corners, numbers, _, _ = detector.detectBoard(_as_bytes(image))
-    count = 0 if numbers is None else len(numbers)
+    grey = _as_bytes(image)
+    board = cv2.aruco.CharucoBoard(
+        squares, 1.0, marker_part, cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
+    )
+    corners, numbers = _charuco_corners(grey, board)
+    if len(numbers) < MIN_CHARUCO_CORNERS and squares[1] % 2 == 0:
+        board.setLegacyPattern(True)
+        corners, numbers = _charuco_corners(grey, board)
+    count = len(numbers)
     if count < MIN_CHARUCO_CORNERS:
         raise DetectionError(
             f"{count} corners of the ChArUco board ({squares[0]} x {squares[1]} squares, {dictionary}) are seen, "
             f"{MIN_CHARUCO_CORNERS} are needed; show more of it, larger, and check its dictionary"
         )
     points = np.full(((squares[0] - 1) * (squares[1] - 1), 2), np.nan)
-    points[np.ravel(numbers)] = np.reshape(corners, (-1, 2))
+    points[numbers] = corners
     return points.reshape(squares[1] - 1, squares[0] - 1, 2)
+
+
+def _charuco_corners(grey: Grey, board: cv2.aruco.CharucoBoard) -> tuple[FloatArray, npt.NDArray[np.int64]]:
+    """Find the corners (n, 2) of a ChArUco board, px, and their numbers."""
+    corners, numbers, _, _ = cv2.aruco.CharucoDetector(board).detectBoard(grey)
+    if numbers is None:
+        return np.empty((0, 2)), np.empty(0, np.int64)
+    return np.reshape(np.asarray(corners, dtype=float), (-1, 2)), np.ravel(numbers).astype(np.int64)
 
 
 def find_dots(image: npt.NDArray[np.generic], columns: int, rows: int, *, asymmetric: bool = False) -> FloatArray:
@@ -132,15 +152,26 @@ def find_dots(image: npt.NDArray[np.generic], columns: int, rows: int, *, asymme
     """
     kind = cv2.CALIB_CB_ASYMMETRIC_GRID if asymmetric else cv2.CALIB_CB_SYMMETRIC_GRID
     grey = _as_bytes(image)
-    for picture in (grey, 255 - grey):
-        found, centres = cv2.findCirclesGrid(picture, (columns, rows), flags=kind | cv2.CALIB_CB_CLUSTERING)
-        if found:
-            dots = np.asarray(centres, dtype=float).reshape(rows, columns, 2)
-            return _half_filled(dots) if asymmetric else _right_handed(dots)
+    for blobs in (cv2.SimpleBlobDetector.create(), _wide_blobs(grey, columns * rows)):
+        for picture in (grey, 255 - grey):
+            found, centres = cv2.findCirclesGrid(
+                picture, (columns, rows), flags=kind | cv2.CALIB_CB_CLUSTERING, blobDetector=blobs
+            )
+            if found:
+                dots = np.asarray(centres, dtype=float).reshape(rows, columns, 2)
+                return _half_filled(dots) if asymmetric else _right_handed(dots)
     raise DetectionError(
         f"no board of {columns} x {rows} {'asymmetric ' if asymmetric else ''}dots is wholly in the picture; show all "
         "of it and check the counts"
     )
+
+
+def _wide_blobs(grey: Grey, count: int) -> cv2.SimpleBlobDetector:
+    """Look for dots of any size that so many of them may have in the picture: OpenCV's own limit is 80 px across."""
+    limits = cv2.SimpleBlobDetector.Params()
+    limits.maxArea = float(grey.size / count)
+    limits.minArea = MIN_DOT_AREA_PX
+    return cv2.SimpleBlobDetector.create(limits)
 
 
 def _half_filled(dots: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 """Find a board of dots of unknown size in a picture: sub-pixel centroids, indexed from neighbour to neighbour."""
 
 from collections import deque
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -9,7 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from fringecal.detect.boards import BRIGHTEST, DARKEST, MIN_SIDE_PX, NO_RANGE
-from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine
+from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine, Polarity
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.errors import DetectionError
@@ -18,6 +19,8 @@ from fringecal.numerics import robust_sd
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+#: In place of an index where a blob has none.
+NO_SITE = int(np.iinfo(np.int64).min)
 #: Dots of five rows and columns: fewer show no lens.
 MIN_DOTS = 25
 #: Pixels of a blob: of smaller ones a centroid is no better than the raster.
@@ -40,21 +43,48 @@ EDGE_PART = 0.15
 NEAR = 0.25
 #: Share of the blobs that must be found in one pattern: else they are something else than dots.
 MIN_INDEXED = 0.6
-#: The ground is the median over 5 x 5 pixels of the picture reduced by 8: 40 px, over which light is even.
-GROUND_REDUCED, GROUND_MEDIAN_PX = 8, 5
+#: The ground is the median over 5 x 5 pixels of the picture reduced by 8, 16 or 32: 40, 80 or 160 px, over which light
+#: is even. Dots must be narrower than that, and the shorter the better the ground follows the light.
+GROUND_REDUCED, GROUND_MEDIAN_PX = (8, 16, 32), 5
+#: A ground over a wider square, or light dots, must show so many times the dots in one pattern to be preferred.
+CLEARLY_MORE = 1.05
+#: Dots at which growth of the pattern is begun, spread over the picture: one of them may be dirt, or stand alone.
+SEEDS = 9
 #: Every so many pixels are looked at for the picture's range.
 RANGE_STRIDE = 4
 #: Standard deviation of a centroid that is never undercut, and that of a board whose rows are too short to tell it, px.
 MIN_SIGMA_PX, UNKNOWN_SIGMA_PX = 1e-3, 0.05
 
 
-def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
+@dataclass(frozen=True)
+class _Pattern:
+    """Blobs of one polarity and size; the place of each in a square pattern, the least integer where it has none."""
+
+    sign: int
+    stats: npt.NDArray[np.int32]
+    diameter_px: float
+    site: IntArray
+
+    @property
+    def inside(self) -> npt.NDArray[np.bool_]:
+        """Blobs that have a place."""
+        return self.site[:, 0] > NO_SITE
+
+    @property
+    def score(self) -> float:
+        """Blobs in the pattern times their share of all: many dots, and little that is none."""
+        return float(self.inside.sum()) ** 2 / max(len(self.site), 1)
+
+
+def find_dot_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto") -> GridDetection:
     """Find a square board of dots, as many as are seen, without being told their number.
 
     Parameters
     ----------
     image
         Grey picture of dark dots on a light ground or the other way round, (H, W).
+    polarity
+        ``"dark"`` or ``"light"`` dots; ``"auto"`` takes those of which more form one square pattern.
 
     Returns
     -------
@@ -86,41 +116,91 @@ def find_dot_grid(image: npt.NDArray[np.generic]) -> GridDetection:
         raise DetectionError(
             f"dots are sought in a finite grey picture (H, W) of {MIN_SIDE_PX} px or more, got {grey.shape}"
         )
-    found = [_centroids(sign * grey) for sign in (-1, 1)]
-    dark = len(found[0][0]) >= len(found[1][0])
-    points, diameter = found[0 if dark else 1]
-    if len(points) < MIN_DOTS:
-        raise DetectionError(f"{len(points)} dots are seen, {MIN_DOTS} are needed; show more of the board, in focus")
-    site = _indexed(points)
-    inside = site[:, 0] > np.iinfo(np.int64).min
-    if inside.sum() < max(MIN_DOTS, MIN_INDEXED * len(points)):
+    pattern = _best_pattern(grey, {"dark": (-1,), "light": (1,)}.get(polarity, (-1, 1)))
+    if len(pattern.site) < MIN_DOTS:
         raise DetectionError(
-            f"{len(points)} blobs are seen, but only {int(inside.sum())} of them form one square pattern of dots"
+            f"{len(pattern.site)} dots are seen, {MIN_DOTS} are needed; show more of the board, in focus"
         )
+    site, inside = pattern.site, pattern.inside
+    if inside.sum() < max(MIN_DOTS, MIN_INDEXED * len(site)):
+        raise DetectionError(
+            f"{len(site)} blobs are seen, but only {int(inside.sum())} of them form one square pattern of dots"
+        )
+    points = _weighted_centres(pattern.sign * grey, pattern.stats)
     site, points = site[inside] - site[inside].min(axis=0), points[inside]
     clean = _between_neighbours(site, points)
     site, points = site[clean] - site[clean].min(axis=0), points[clean]
-    return _detection(site, points, grey.shape, LineProfile(diameter, 0.0), "dark" if dark else "light")
+    profile = LineProfile(pattern.diameter_px, 0.0)
+    return _detection(site, points, grey.shape, profile, "dark" if pattern.sign < 0 else "light")
 
 
-def _centroids(bright: npt.NDArray[np.float32]) -> tuple[FloatArray, float]:
-    """Centroids (n, 2) of bright blobs of one size, px, and their median diameter."""
-    part = 1 / GROUND_REDUCED
-    reduced = cv2.resize(_bytes(bright), None, fx=part, fy=part, interpolation=cv2.INTER_AREA)
-    ground = cv2.medianBlur(reduced, GROUND_MEDIAN_PX)
-    level = cv2.resize(ground, bright.shape[::-1], interpolation=cv2.INTER_LINEAR)
+def _best_pattern(grey: npt.NDArray[np.float32], signs: tuple[int, ...]) -> _Pattern:
+    """Return the blobs of which most form one pattern: dark before light, small before large."""
+    best: _Pattern | None = None
+    for reduced in GROUND_REDUCED:
+        for sign in signs:
+            for stats, usual in _blobs(sign * grey, reduced):
+                found = _Pattern(sign, stats, 2 * float(np.sqrt(usual / np.pi)), _sites(stats))
+                if best is None or found.score > CLEARLY_MORE * best.score:
+                    best = found
+    return best if best is not None else _Pattern(-1, np.empty((0, 5), np.int32), 0.0, np.empty((0, 2), np.int64))
+
+
+def _sites(stats: npt.NDArray[np.int32]) -> IntArray:
+    """Index the blobs by the middles of their boxes, from the seed that most of them hang on."""
+    best = np.full((len(stats), 2), NO_SITE)
+    if len(stats) < MIN_DOTS:
+        return best
+    middles = stats[:, :2] + 0.5 * (stats[:, 2:4] - 1)
+    for seed in _seeds(middles):
+        site = _indexed(middles, seed)
+        best = max(best, site, key=lambda one: np.count_nonzero(one[:, 0] > NO_SITE))
+        if np.count_nonzero(best[:, 0] > NO_SITE) >= MIN_INDEXED * len(stats):
+            break
+    return best
+
+
+def _seeds(points: FloatArray) -> list[int]:
+    """Return the middle point first, then the points nearest to places spread over the middle of the picture."""
+    low, middle, high = np.percentile(points, (25, 50, 75), axis=0)
+    places = [middle, *np.stack(np.meshgrid(*np.stack([low, middle, high], axis=1)), axis=2).reshape(-1, 2)]
+    _, near = KDTree(points).query(np.array(places))
+    return list(dict.fromkeys(near.tolist()))[:SEEDS]
+
+
+def _blobs(bright: npt.NDArray[np.float32], reduced: int) -> list[tuple[npt.NDArray[np.int32], float]]:
+    """Bright blobs of one size each as OpenCV's statistics (n, 5), with that area, px^2: by number and by area.
+
+    Where specks outnumber the dots, the blob in the middle by number is a speck; by area it is a dot.
+    """
+    level = _ground(bright, reduced)
     flat = _bytes(bright).astype(np.int16) - level
     core, _ = cv2.threshold(np.clip(flat, 0, 255).astype(np.uint8), 0, 255, cv2.THRESH_OTSU)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((flat > core).astype(np.uint8))
+    _, _, stats, _ = cv2.connectedComponentsWithStats((flat > core).astype(np.uint8))
+    sized = stats[1:][stats[1:, cv2.CC_STAT_AREA] >= MIN_AREA_PX]
+    if not len(sized):
+        return []
+    areas = np.sort(sized[:, cv2.CC_STAT_AREA])
+    by_number = float(np.median(areas))
+    by_area = float(areas[np.searchsorted(np.cumsum(areas), areas.sum() / 2)])
+    alike = [by_number] if by_area < by_number / AREA_FACTORS[0] else [by_number, by_area]
+    return [(_of_one_size(sized, usual, bright.shape), usual) for usual in alike]
+
+
+def _ground(bright: npt.NDArray[np.float32], reduced: int) -> npt.NDArray[np.uint8]:
+    """Median brightness around every pixel, of the picture as bytes."""
+    part = 1 / reduced
+    small = cv2.resize(_bytes(bright), None, fx=part, fy=part, interpolation=cv2.INTER_AREA)
+    ground = cv2.medianBlur(small, GROUND_MEDIAN_PX)
+    return np.asarray(cv2.resize(ground, bright.shape[::-1], interpolation=cv2.INTER_LINEAR), np.uint8)
+
+
+def _of_one_size(stats: npt.NDArray[np.int32], usual: float, shape: tuple[int, ...]) -> npt.NDArray[np.int32]:
+    """Leave blobs of about the usual area that are wholly in the picture, round, and as large as those around."""
     areas = stats[:, cv2.CC_STAT_AREA]
-    sized = np.flatnonzero(areas[1:] >= MIN_AREA_PX) + 1
-    if sized.size == 0:
-        return np.empty((0, 2)), 0.0
-    usual = float(np.median(areas[sized]))
-    good = sized[(areas[sized] > AREA_FACTORS[0] * usual) & (areas[sized] < AREA_FACTORS[1] * usual)]
-    good = good[_inside(stats[good], bright.shape)]
-    good = good[_like_neighbours(stats[good])]
-    return _weighted_centres(bright, stats[good]), 2 * float(np.sqrt(usual / np.pi))
+    good = stats[(areas > AREA_FACTORS[0] * usual) & (areas < AREA_FACTORS[1] * usual)]
+    good = good[_inside(good, shape)]
+    return good[_like_neighbours(good)]
 
 
 def _like_neighbours(stats: npt.NDArray[np.int32]) -> npt.NDArray[np.bool_]:
@@ -166,21 +246,20 @@ def _weighted_centres(bright: npt.NDArray[np.float32], stats: npt.NDArray[np.int
     return centres
 
 
-def _indexed(points: FloatArray) -> IntArray:
-    """Index (column, row) of every dot, grown from the middle one; the least integer where none was given."""
+def _indexed(points: FloatArray, seed: int) -> IntArray:
+    """Index (column, row) of every dot, grown from one of them; the least integer where none was given."""
     tree = KDTree(points)
-    middle = int(np.argmin(np.hypot(*(points - np.median(points, axis=0)).T)))
-    site = np.full((len(points), 2), np.iinfo(np.int64).min)
-    taken = {(0, 0): middle}
-    site[middle] = 0
-    queue = deque([(middle, _first_steps(points, tree, middle))])
+    site = np.full((len(points), 2), NO_SITE)
+    taken = {(0, 0): seed}
+    site[seed] = 0
+    queue = deque([(seed, _first_steps(points, tree, seed))])
     while queue:
         here, steps = queue.popleft()
         for axis, way in ((0, 1), (0, -1), (1, 1), (1, -1)):
             offset = np.array([way if axis == 0 else 0, way if axis == 1 else 0])
             key = (int(site[here, 0] + offset[0]), int(site[here, 1] + offset[1]))
             distance, there = tree.query(points[here] + way * steps[axis])
-            if key in taken or site[there, 0] != np.iinfo(np.int64).min:
+            if key in taken or site[there, 0] != NO_SITE:
                 continue
             if distance < NEAR * float(np.hypot(*steps[axis])):
                 taken[key], site[there] = int(there), key
