@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from fringecal.calibration.grid_stage import CameraFindings
+from fringecal.calibration.plate_flatness import plate_form
 from fringecal.calibration.standards import (
     ObservedStandard,
     Standard,
@@ -23,6 +24,7 @@ from fringecal.projector import (
     angles_at_origin,
     calibrate_rig,
 )
+from fringecal.targets import Flat
 
 Progress = Callable[[str], None]
 
@@ -88,6 +90,7 @@ def calibrate_surfaces(
     standards: Sequence[Standard] = (),
     projector: ProjectorPosition | None = None,
     wave: Waveform | None = None,
+    reference: Flat | None = None,
     progress: Progress = lambda _: None,
 ) -> Calibrated:
     """Fit the rig to plate, strips and further standards, and measure the projection angle.
@@ -102,6 +105,8 @@ def calibrate_surfaces(
         Where the projector is stated to stand.
     wave
         Waveform of the fringes as found on the plate; kept with the rig for later pictures.
+    reference
+        The plate as its certificate states it; without one its flatness counts as not stated.
     progress
         Called with a short sentence before each step.
 
@@ -111,6 +116,7 @@ def calibrate_surfaces(
         The surfaces do not determine the rig, or a standard is not to be seen.
     """
     observations, orders = observe_surfaces(plate, strips)
+    observations = replace(observations, form=plate_form(reference, camera.fit.camera))
     progress("joint fit of the rig")
     rig, fit, observations, seen = _fitted(camera, plate, observations, standards, projector, progress)
     rig = replace(rig, wave=wave, orders=plate.orders, look=PlateLook.of(plate.phase))

@@ -37,6 +37,9 @@ from .angle.breaks import (
 from .angle.breaks import (
     Breaks as Breaks,
 )
+from .angle.other_causes import (
+    with_other_causes as with_other_causes,
+)
 from .angle.phase_breaks import (
     phase_breaks as phase_breaks,
 )
@@ -114,6 +117,21 @@ from .orders.strip_orders import (
 )
 from .orders.whole_fringes import (
     explained as explained,
+)
+from .plate_form import (
+    FORM_TERMS as FORM_TERMS,
+)
+from .plate_form import (
+    PlateForm as PlateForm,
+)
+from .plate_form import (
+    form_height as form_height,
+)
+from .plate_form import (
+    form_of_flatness as form_of_flatness,
+)
+from .plate_form import (
+    unknown_form as unknown_form,
 )
 from .rig_calibration import (
     Observations as Observations,

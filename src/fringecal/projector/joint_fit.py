@@ -139,8 +139,8 @@ def _first_guess(surfaces: Sequence[PhasePoints]) -> Array:
     rows, right = [], []
     for surface in surfaces:
         good = np.isfinite(surface.phase_rad)
-        x, y = (c[good] / _LENGTH for c in surface.rays.at(surface.z_mm))
-        z = np.full_like(x, surface.z_mm) / _LENGTH
+        known = np.broadcast_to(np.asarray(surface.z_mm, float), surface.phase_rad.shape)
+        x, y, z = (c[good] / _LENGTH for c in (*surface.rays.at(known), known))
         phi = surface.phase_rad[good]
         weight = 1.0 / np.sqrt(phi.size)
         rows.append(weight * np.column_stack([x, y, z, np.ones_like(x), -phi * x, -phi * y, -phi * z]))
@@ -234,8 +234,10 @@ def _improve(
 
 def _with_residual(model: RigModel, plate: PhasePoints, good: NDArray[np.bool_], degree: int) -> RigModel:
     """Measure the plate's smooth residual afresh from what the seven numbers leave."""
-    x, y = plate.rays.ax[good], plate.rays.ay[good]
-    residual = fit_residual(x, y, plate.phase_rad[good] - model.ratio(x, y, 0.0), degree)
+    z = np.broadcast_to(np.asarray(plate.z_mm, float), plate.phase_rad.shape)
+    x, y, z = (c[good] for c in (*plate.rays.at(z), z))
+    left = plate.phase_rad[good] - model.ratio(x, y, z)
+    residual = fit_residual(*(model.foot(x, y, z) if np.any(z) else (x, y)), left, degree)
     return RigModel(model.parameters, model.projector_mm, residual)
 
 

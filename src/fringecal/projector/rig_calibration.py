@@ -17,11 +17,14 @@ from fringecal.camera import CAMERA_NAMES, CameraFit, PlateCamera
 from fringecal.numerics import DRAW_SEED, powers_up_to
 from fringecal.phase import PlateLook, PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
+from fringecal.projector.plate_form import PlateForm, form_height
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
 from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent, combined
 
 Array = NDArray[np.float64]
 
+NOT_STATED = "(not stated)"
+"""Detail of a source of which nothing is stated: its component has no effect, and its row says why."""
 _NEGLIGIBLE = 1e-4  # axes below this share of the variance only cost time
 
 
@@ -97,7 +100,8 @@ class Observations:
     `u_px`, `v_px`, `phase_rad`, `cluster` hold one array per surface; `height_mm` one estimate each (0 for the
     plate), which names its influence. Where a surface is not level, `relief_mm` is added to its height pixel
     by pixel, and `components` holds uncertainty components beside the height's own: effects in mm, one number or
-    one for each pixel.
+    one for each pixel. `form` is the plate's, which all that lies on it follows; None takes it for a plane without a
+    word.
     """
 
     u_px: tuple[Array, ...]
@@ -107,6 +111,7 @@ class Observations:
     height_mm: tuple[Estimate, ...]
     relief_mm: tuple[float | Array, ...] = ()
     components: tuple[tuple[UncertaintyComponent, ...], ...] = ()
+    form: PlateForm | None = None
 
     def components_of(self, surface: int) -> tuple[UncertaintyComponent, ...]:
         """Return all components of the uncertainty of a surface's height, its own first."""
@@ -114,8 +119,20 @@ class Observations:
         own = (UncertaintyComponent.of(height),) if height.u > 0 else ()
         return (*own, *(self.components[surface] if self.components else ()))
 
-    def surfaces(self, camera: PlateCamera, *, raised: tuple[int, int] | None = None) -> list[PhasePoints]:
-        """Return the points as this camera sees them; `raised` (surface, component) adds one u of that component."""
+    def surfaces(
+        self, camera: PlateCamera, *, raised: tuple[int, int] | None = None, bent_mm: Array | None = None
+    ) -> list[PhasePoints]:
+        """Return the points as this camera sees them.
+
+        Parameters
+        ----------
+        camera
+            The camera on the plate.
+        raised
+            Surface and component: one standard uncertainty of that component is added.
+        bent_mm
+            Coefficients that are added to the plate's form.
+        """
         made = []
         for i, height in enumerate(self.height_mm):
             changes = tuple(component.effect for component in self.components_of(i))
@@ -123,8 +140,16 @@ class Observations:
             if raised is not None and raised[0] == i:
                 z = z + changes[raised[1]]
             rays = camera.rays(self.u_px[i], self.v_px[i])
+            z = z + self._form_mm(*rays.at(z), bent_mm)
             made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
         return made
+
+    def _form_mm(self, x_mm: Array, y_mm: Array, bent_mm: Array | None) -> float | Array:
+        """Return the plate's form under points of the plate frame; the number 0 for a plane."""
+        if self.form is None:
+            return 0.0
+        whole = self.form.coefficients_mm + (0.0 if bent_mm is None else bent_mm)
+        return form_height(whole, self.form.box, x_mm, y_mm) if np.any(whole) else 0.0
 
     def thinned(self, number: int, *, seed: int = DRAW_SEED) -> "Observations":
         """Return at most so many points of every surface, drawn evenly."""
@@ -155,6 +180,7 @@ class Observations:
             self.height_mm + other.height_mm,
             sum((o.relief_mm or (0.0,) * len(o.height_mm) for o in (self, other)), ()),
             sum((o.components or ((),) * len(o.height_mm) for o in (self, other)), ()),
+            self.form,
         )
 
 
@@ -188,7 +214,11 @@ def calibrate_rig(
         The captures do not determine the rig.
     """
 
-    def solve(camera: PlateCamera, raised: tuple[int, int] | None = None, start: RigFit | None = None) -> RigFit:
+    def solve(
+        camera: PlateCamera,
+        raised: tuple[int, int] | None = None,
+        start: RigFit | None = None,
+    ) -> RigFit:
         return fit_rig(
             observations.surfaces(camera, raised=raised),
             residual_degree=residual_degree,
@@ -206,6 +236,11 @@ def calibrate_rig(
             progress(f"sensitivity to {height.source.text}")
             effect = _joined(camera, solve(camera, (index, number), fit).model) - base
             components.append(replace(height, effect=effect))
+    if observations.form is not None:
+        progress(f"sensitivity to {Influence.PLATE_FLATNESS.text}")
+        axes = observations.form.axes_mm
+        bent = bent_effects(observations, observations.form, camera_fit, fit, axes, degree=residual_degree)
+        components += _form_components(observations.form, bent, base.size)
     for source, group in groupby(_camera_components(camera_fit), key=attrgetter("source")):
         progress(f"sensitivity to {source.text}")
         for component in group:
@@ -213,6 +248,52 @@ def calibrate_rig(
             components.append(replace(component, effect=_joined(moved, solve(moved, start=fit).model) - base))
     excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
     return RigCalibration(camera, fit.model, tuple(components), excess), fit
+
+
+def bent_effects(  # noqa: PLR0913 -- a fit, what it was made from, and what of it is bent
+    observations: Observations,
+    form: PlateForm,
+    camera_fit: CameraFit,
+    fit: RigFit,
+    axes_mm: Sequence[Array],
+    *,
+    degree: int = RESIDUAL_DEGREE,
+) -> list[Array]:
+    """Return what each of several further forms of the plate, added to what is known of it, does to all parameters.
+
+    The grid's sheet lies on the plate as well: the camera changes with it.
+
+    Parameters
+    ----------
+    observations, camera_fit, fit
+        What the rig was fitted to, its camera, and the fit.
+    form
+        The plate's, whose box the coefficients are for.
+    axes_mm
+        Coefficients of further forms, (7,) each.
+    degree
+        Total degree of the plate's residual.
+    """
+    if not axes_mm:
+        return []
+    bent = replace(observations, form=form)
+    base = _joined(camera_fit.camera, fit.model)
+    changes = camera_fit.changed_by_heights(lambda x, y: np.stack([form_height(a, form.box, x, y) for a in axes_mm]))
+    effects = []
+    for axis, change in zip(axes_mm, changes, strict=True):
+        camera = camera_fit.camera.replaced(camera_fit.camera.parameters + change)
+        surfaces = bent.surfaces(camera, bent_mm=axis)
+        near = fit.model.projector_mm
+        model = fit_rig(surfaces, residual_degree=degree, projector_near=near, start=fit).model
+        effects.append(_joined(camera, model) - base)
+    return effects
+
+
+def _form_components(form: PlateForm, effects: Sequence[Array], size: int) -> list[UncertaintyComponent]:
+    """Return what the plate's form does; where nothing is stated, a component without effect that says so."""
+    if not form.is_stated:
+        return [UncertaintyComponent(Influence.PLATE_FLATNESS, np.zeros(size), detail=NOT_STATED)]
+    return [UncertaintyComponent(Influence.PLATE_FLATNESS, effect, form.dof) for effect in effects]
 
 
 def _joined(camera: PlateCamera, model: RigModel) -> Array:

@@ -17,6 +17,9 @@ from .rig.rig_files import (
     load_rig as load_rig,
 )
 from .rig.rig_spec import (
+    PlateSpec as PlateSpec,
+)
+from .rig.rig_spec import (
     RigSpec as RigSpec,
 )
 from .rig.rig_spec import (

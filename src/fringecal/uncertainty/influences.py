@@ -29,6 +29,7 @@ class Influence(Enum):
     WEDGE_ANGLE = "wedge angle"
     WEDGE_POSITION = "wedge position"
     ADDED_HEIGHT = "added height"
+    PLATE_FLATNESS = "flatness of the plate"
     ARTEFACT_SCATTER = "scatter over the artefact"
     BREAK_SCATTER = "scatter of the breaks"
     INPUT = "input"

@@ -1,7 +1,8 @@
 """Fit the camera on the plate to the crossings of a grid whose pitch is known."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,7 @@ from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.plate.plate_camera import CAMERA_NAMES, PlateCamera
 from fringecal.camera.plate.plate_components import stated_components, tilt_components
 from fringecal.camera.plate.plate_problem import Problem, camera_of, deformations_of, first_guess, prepare, residual_px
-from fringecal.camera.plate.plate_solve import MIN_CROSSINGS, Solution, solve_robustly
+from fringecal.camera.plate.plate_solve import MIN_CROSSINGS, Solution, displaced_solution, solve_robustly
 from fringecal.detect import LineScatter
 from fringecal.errors import FitError
 from fringecal.uncertainty import Estimate, UncertaintyComponent
@@ -29,7 +30,8 @@ class CameraFit:
     over both coordinates; `free` names the parameters that the grid or a prior determined. `components` splits the
     camera's covariance: one for each stated input (the effect of one standard uncertainty on all parameters), and
     what is left is the scatter of the crossings. `strain` is the sum of squares of how far the sheet's
-    lines had to bend, in standard uncertainties.
+    lines had to bend, in standard uncertainties. `solved` is what was solved, how, and with which crossings; None for
+    a camera that no grid was fitted to.
     """
 
     camera: PlateCamera
@@ -41,6 +43,32 @@ class CameraFit:
     turn_deg: float
     components: tuple[UncertaintyComponent, ...]
     strain: float = 0.0
+    solved: tuple[Problem, Solution, NDArray[np.bool_]] | None = field(default=None, repr=False, compare=False)
+
+    def changed_by_heights(self, height_mm: Callable[[Array, Array], Array]) -> Array:
+        """Return by how much the camera's parameters change if the sheet was not flat, to first order.
+
+        Parameters
+        ----------
+        height_mm
+            The sheet's height over z = 0 at points x, y of the plate frame: (k, n) for points (n,).
+
+        Returns
+        -------
+        changes
+            Shape (k, parameters), in the order of `CAMERA_NAMES`.
+        """
+        if self.solved is None:
+            return np.zeros((len(height_mm(np.zeros(1), np.zeros(1))), len(CAMERA_NAMES)))
+        problem, solution, keep = self.solved
+        rays = self.camera.rays(problem.u, problem.v)
+        heights = height_mm(rays.ax, rays.ay)
+        # A crossing at height h is seen where a flat sheet would show the point at which its ray meets z = h.
+        flat = (np.stack(self.camera.project(*rays.at(h))) for h in heights)
+        moves = np.stack([one - np.stack([problem.u, problem.v]) for one in flat])
+        changes = np.zeros((len(heights), len(CAMERA_NAMES)))
+        changes[:, list(problem.free)] = displaced_solution(problem, solution, keep, moves)[:, : len(problem.free)]
+        return changes
 
 
 def fit_plate_camera(
@@ -130,4 +158,5 @@ def _report(problem: Problem, solution: Solution, keep: NDArray[np.bool_]) -> Ca
         turn_deg=math.degrees(solution.vector[len(free)]),
         components=(*stated_components(problem, solution, dof), *tilt),
         strain=float(np.sum(deformations_of(problem, solution.vector) ** 2)),
+        solved=(problem, solution, keep),
     )

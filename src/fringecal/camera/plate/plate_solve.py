@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,6 +109,32 @@ def solve_robustly(
             factor *= math.sqrt(_shared(problem, np.column_stack([du, dv]), keep))
         solution = _solve(problem, solution.vector, keep, factor)
     return solution, keep
+
+
+def displaced_solution(problem: Problem, solution: Solution, keep: NDArray[np.bool_], moves_px: Array) -> Array:
+    """Return by how much the solution changes when crossings are displaced, to first order.
+
+    Parameters
+    ----------
+    problem, solution, keep
+        A problem, what solves it, and which of its crossings are used.
+    moves_px
+        Displacements along u and v, shape (k, 2, n), px.
+
+    Returns
+    -------
+    changes
+        Shape (k, parameters).
+    """
+    whitened = problem.noise.picked(keep).whitening()
+
+    def rest(vector: Array, one: Problem = problem) -> Array:
+        return residuals(one, vector, keep, solution.factor, whitened)
+
+    base = rest(solution.vector)
+    gain = solution.covariance @ _derivatives(rest, solution.vector, noticeable(problem, solution.vector)).T
+    moved = (replace(problem, u=problem.u + du, v=problem.v + dv) for du, dv in moves_px)
+    return np.stack([-gain @ (rest(solution.vector, one) - base) for one in moved])
 
 
 def _factor(problem: Problem, rest: Array, keep: NDArray[np.bool_], unknowns: int) -> float:

@@ -41,6 +41,8 @@ class Displacement:
         Unit vector along the line.
     probability
         Chance of a difference as large as this if the position is as stated (chi-squared, two degrees of freedom).
+    others
+        What else would make the projector seem displaced like this, each with its size, as it stands in a sentence.
     """
 
     found_mm: Array
@@ -48,6 +50,7 @@ class Displacement:
     covariance: Array
     line: Array
     probability: float
+    others: tuple[str, ...] = ()
 
     @property
     def agrees(self) -> bool:
@@ -68,14 +71,36 @@ class Displacement:
         sure = [i for i in seen if abs(self.difference_mm[i]) > _SURE * self.u_mm[i]]
         if sure:
             parts = " and ".join(_named(i, self.difference_mm[i], self.u_mm[i]) for i in sure)
-            return f"The projector stands {parts} than stated ({chance}); or the strips' height is not as stated."
+            return f"The projector stands {parts} than stated ({chance}); {self._or_else}."
         size, axis = self._surest()
         parts = " or ".join(f"{abs(size / axis[i]):.0f} mm {_word(i, size * axis[i])}" for i in _largest(axis))
         return (
             f"The projector stands about {abs(size):.0f} mm from its stated position, across its line to the plate: "
-            f"about {parts} than stated, which of the two the breaks do not determine ({chance}); or the strips' "
-            "height is not as stated."
+            f"about {parts} than stated, which of the two the breaks do not determine ({chance}); "
+            f"{self._or_else}."
         )
+
+    @property
+    def _or_else(self) -> str:
+        return ", or ".join(("or the strips' height is not as stated", *self.others))
+
+    def fraction(self, effect_mm: Array) -> float | None:
+        """Return how much of a cause explains the displacement alone; None where no amount of it does, at 5 %.
+
+        Parameters
+        ----------
+        effect_mm
+            By how much the cause displaces the projector, (3,).
+        """
+        across = np.eye(3) - np.outer(self.line, self.line)
+        inverse = np.linalg.pinv(self.covariance, rcond=_NEGLIGIBLE, hermitian=True)
+        effect = across @ effect_mm
+        size = float(effect @ inverse @ effect)
+        if not size > 0:
+            return None
+        amount = float(effect @ inverse @ self.difference_mm) / size
+        left = self.difference_mm - amount * effect
+        return amount if special.chdtrc(1, float(left @ inverse @ left)) >= DISPLACEMENT_PROBABILITY else None
 
     def _surest(self) -> tuple[float, Array]:
         """Size of the difference along the direction in which it is most significant, and that direction."""
@@ -98,15 +123,29 @@ def displacement(calibration: RigCalibration, stated: ProjectorPosition) -> Disp
         raise FitError("The light is parallel within the uncertainty: the projector has no position to compare.")
     found = _nearest(point, line, stated.value_mm)
     across = np.eye(3) - np.outer(line, line)
-    effects = [
-        across @ (_nearest(*projector_line(calibration.shifted(c).model.parameters), stated.value_mm) - found)
-        for c in calibration.components
-    ]
+    effects = [across @ displaced_by(calibration, c.effect, stated) for c in calibration.components]
     covariance = sum((np.outer(e, e) for e in effects), np.diag(stated.u_mm**2))
     covariance = across @ covariance @ across
     difference = found - stated.value_mm
     squared = float(difference @ np.linalg.pinv(covariance, rcond=_NEGLIGIBLE, hermitian=True) @ difference)
     return Displacement(found, difference, covariance, line, float(special.chdtrc(2, squared)))
+
+
+def displaced_by(calibration: RigCalibration, effect: Array, stated: ProjectorPosition) -> Array:
+    """Return by how much a change of all parameters displaces the projector found, mm, (3,).
+
+    Parameters
+    ----------
+    calibration, stated
+        The rig, and where its projector is stated to stand.
+    effect
+        Change of the parameter vector.
+    """
+    before, after = (
+        _nearest(*projector_line(one.model.parameters), stated.value_mm)
+        for one in (calibration, calibration.replaced(calibration.vector + effect))
+    )
+    return np.asarray(after - before)
 
 
 def seen_axes(model: RigModel) -> tuple[bool, ...]:

@@ -12,6 +12,7 @@ NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, lt=1)]
 Tilt = Annotated[float, Field(gt=-45, lt=45)]
 Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+Power = Annotated[int, Field(ge=0, le=3)]
 Pair = tuple[FiniteFloat, FiniteFloat]
 
 CAPTURE_KINDS = Literal["grid", "board", "reference", "strips", "artefact", "object"]
@@ -136,6 +137,17 @@ class SurfaceSpec(_Part):
     speckle_mm: Positive = 0.5
 
 
+class PlateSpec(_Part):
+    """A reference plate that is not flat.
+
+    `form` lists terms (power of x, power of y, mm): the plate's height over z = 0 is the sum of mm (x / unit)^i
+    (y / unit)^j, powers up to 3. The sheets and solids that lie on it follow it.
+    """
+
+    form: tuple[tuple[Power, Power, FiniteFloat], ...] = ()
+    unit_mm: Positive = 100.0
+
+
 class StatedSpec(_Part):
     """Standard uncertainties with which a session states what was measured by hand beforehand."""
 
@@ -181,6 +193,7 @@ class RigSpec(_Part):
     light: LightSpec = LightSpec()
     noise: NoiseSpec = NoiseSpec()
     surface: SurfaceSpec = SurfaceSpec()
+    plate: PlateSpec = PlateSpec()
     stated: StatedSpec = StatedSpec()
     capture: tuple[CaptureSpec, ...] = ()
 

@@ -7,7 +7,7 @@ import numpy as np
 from fringecal.simulate.rig.rig_spec import CaptureSpec, RigSpec
 from fringecal.simulate.scene.leaf import leaf_scene
 from fringecal.simulate.scene.objects import scene_of
-from fringecal.simulate.scene.scene import Scene, plate
+from fringecal.simulate.scene.scene import Form, Scene, plate
 from fringecal.targets import Target, load_target, parse_target
 
 
@@ -20,7 +20,8 @@ def capture_scene(rig: RigSpec, capture: CaptureSpec, target: Target | None) -> 
     if capture.dirt:
         scene = replace(scene, pattern=replace(scene.pattern, specks=_specks(rig, capture.dirt)))
     angle_deg = capture.rotation_deg + (90.0 if capture.direction == "rows" else 0.0)
-    return scene.placed(*capture.position_mm, angle_deg)
+    placed = scene.placed(*capture.position_mm, angle_deg)
+    return placed.on_form(Form(rig.plate.form, rig.plate.unit_mm)) if rig.plate.form else placed
 
 
 def stated_target(capture: CaptureSpec) -> Target | None:

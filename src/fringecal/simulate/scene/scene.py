@@ -8,6 +8,33 @@ import numpy as np
 from fringecal.errors import FringecalError
 from fringecal.simulate.scene.printed_patterns import BLANK, Pattern
 
+FORM_ORDER = 4  # powers of x and of y in the form of a plate, from 0: bows, twists, and one order more
+
+
+_NODES = 9  # along each side of a solid, at which the form under it is taken
+_PIECE_MM = (
+    30.0  # of a long solid on a form: a plate that bends by 0.2 mm over 200 mm leaves 2 micrometres of bend in it
+)
+
+
+@dataclass(frozen=True)
+class Form:
+    """What a plate that is not flat has over its plane: terms (power of x, power of y, mm) of x and y over a unit."""
+
+    terms: tuple[tuple[int, int, float], ...] = ()
+    unit_mm: float = 1.0
+
+    def height(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+        """Return the height over the plane at points of the plate, mm."""
+        s, t = np.asarray(x_mm, float) / self.unit_mm, np.asarray(y_mm, float) / self.unit_mm
+        return sum((mm * s**i * t**j for i, j, mm in self.terms), np.zeros(np.broadcast(s, t).shape))
+
+    def plane_under(self, corners_mm: np.ndarray) -> np.ndarray:
+        """Return the plane (c0, cx, cy) nearest to the form over the bounds of corners (k, 3)."""
+        (x0, y0), (x1, y1) = corners_mm[:, :2].min(axis=0), corners_mm[:, :2].max(axis=0)
+        x, y = (c.ravel() for c in np.meshgrid(np.linspace(x0, x1, _NODES), np.linspace(y0, y1, _NODES)))
+        return np.linalg.lstsq(np.column_stack([np.ones_like(x), x, y]), self.height(x, y), rcond=None)[0]
+
 
 @dataclass(frozen=True)
 class Solid:
@@ -33,6 +60,30 @@ class Solid:
         normals = self.planes[:, :3] @ turn.T
         distances = self.planes[:, 3] + normals @ shift
         return Solid(np.column_stack([normals, distances]), self.corners @ turn.T + shift, self.albedo)
+
+    def pieces(self, most_mm: float) -> "tuple[Solid, ...]":
+        """Cut the solid across x or y, whichever it is longer along, into pieces no longer than so much."""
+        low, high = self.corners.min(axis=0), self.corners.max(axis=0)
+        axis = int(high[1] - low[1] > high[0] - low[0])
+        edges = np.linspace(low[axis], high[axis], 1 + max(1, int(np.ceil((high - low)[axis] / most_mm))))
+        return tuple(self._piece(axis, a, b) for a, b in zip(edges[:-1], edges[1:], strict=True))
+
+    def _piece(self, axis: int, low: float, high: float) -> "Solid":
+        sides = np.zeros((2, 4))
+        sides[:, axis], sides[:, 3] = (-1.0, 1.0), (-low, high)
+        corners = self.corners.copy()
+        corners[:, axis] = np.clip(corners[:, axis], low, high)
+        return Solid(np.vstack([self.planes, sides]), corners, self.albedo)
+
+    def sheared(self, plane: np.ndarray) -> "Solid":
+        """Raise every point by c0 + cx x + cy y: as good as a turn for slopes of a thousandth."""
+        c0, cx, cy = plane
+        normals, lift = self.planes[:, :3].copy(), self.planes[:, 2] * c0
+        normals[:, :2] -= np.outer(self.planes[:, 2], (cx, cy))
+        length = np.linalg.norm(normals, axis=1)
+        planes = np.column_stack([normals, self.planes[:, 3] + lift]) / length[:, None]
+        rise = c0 + self.corners[:, :2] @ np.array([cx, cy])
+        return Solid(planes, self.corners + np.outer(rise, (0.0, 0.0, 1.0)), self.albedo)
 
 
 @dataclass(frozen=True)
@@ -86,6 +137,8 @@ class Scene:
     base
         The flat that lies under everything: z = c0 + cx x + cy y, as (c0 in mm, cx, cy); the
         reference plate itself is (0, 0, 0).
+    form
+        What that flat has over its plane.
     pattern
         What is printed on the flat.
     """
@@ -94,6 +147,7 @@ class Scene:
     spheres: tuple[tuple[float, float, float, float, float], ...] = ()
     height_field: HeightField | None = None
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    form: Form = Form()
     pattern: Pattern = field(default=BLANK)
 
     def placed(self, x_mm: float = 0.0, y_mm: float = 0.0, angle_deg: float = 0.0) -> "Scene":
@@ -107,6 +161,15 @@ class Scene:
             height_field=self.height_field and self.height_field.placed(x_mm, y_mm, angle),
             pattern=self.pattern.placed(x_mm, y_mm, angle),
         )
+
+    def on_form(self, form: Form) -> "Scene":
+        """Give the flat a form; solids and spheres lie close on it: long solids bend with it, none rests on a bow."""
+        pieces = (piece for solid in self.solids for piece in solid.pieces(_PIECE_MM))
+        solids = tuple(piece.sheared(form.plane_under(piece.corners)) for piece in pieces)
+        spheres = tuple(
+            (x, y, z + float(form.height(np.array(x), np.array(y))), r, a) for x, y, z, r, a in self.spheres
+        )
+        return replace(self, solids=solids, spheres=spheres, form=form)
 
     def on_flat(self, height_mm: float, tilt_x_deg: float = 0.0, tilt_y_deg: float = 0.0) -> "Scene":
         """Raise and tilt the flat: it rises toward +x by `tilt_x_deg` and toward +y by `tilt_y_deg`."""

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fringecal.simulate.scene.scene import HeightField, Scene
+from fringecal.simulate.scene.scene import FORM_ORDER, Form, HeightField, Scene
 from fringecal.simulate.tracing.compiled import compiled
 
 type Triple = tuple[float, float, float]
@@ -22,6 +22,8 @@ TOUCH_SHARE = 1e-12  # of the way to the lamp: solids that touch a surface meet 
 # reach over 80 mm of the roughest field.
 MARCH_STEPS = 4000
 MARCH_MIN_MM = 0.02
+# Of finding a ray's place on a flat that is not plane: each brings it nearer by the slope, a hundredth at most.
+FORM_ROUNDS = 4
 # Rows of `World.solids` and `World.field`.
 FIRST, LAST, X0, X1, Y0, Y1, TOP, ALBEDO = range(8)
 HEIGHT, SLOPE_X, SLOPE_Y, REFLECTANCE = range(4)
@@ -34,6 +36,8 @@ class World(NamedTuple):
     ----------
     base
         The flat: z = c0 + cx x + cy y.
+    form
+        What the flat has over that plane: shape (4, 4), mm by powers of x and y over `form_unit_mm`; 0 for a plane.
     n_solids, n_faces, n_spheres, has_field
         What there is.
     planes
@@ -49,6 +53,8 @@ class World(NamedTuple):
     """
 
     base: Triple
+    form: np.ndarray
+    form_unit_mm: float
     n_solids: int
     n_faces: int
     n_spheres: int
@@ -69,7 +75,15 @@ def build_world(scene: Scene) -> World:
     field, frame = _field_tables(scene.height_field)
     solids, spheres = np.array(rows, float).reshape(-1, 8), np.array(scene.spheres, float).reshape(-1, 5)
     counts = len(solids), len(planes), len(spheres), scene.height_field is not None
-    return World(scene.base, *counts, planes, solids, spheres, field, frame)
+    form, unit_mm = _form_table(scene.form)
+    return World(scene.base, form, unit_mm, *counts, planes, solids, spheres, field, frame)
+
+
+def _form_table(form: Form) -> tuple[np.ndarray, float]:
+    table = np.zeros((FORM_ORDER, FORM_ORDER))
+    for i, j, height_mm in form.terms:
+        table[i, j] += height_mm
+    return table, form.unit_mm if np.any(table) else 0.0
 
 
 def _bounds(corners: np.ndarray) -> tuple[float, ...]:
@@ -97,6 +111,8 @@ def see(world: World, ray: Ray) -> tuple[float, int, Triple, float]:
     """
     c0, cx, cy = world.base
     z = (c0 + cx * ray[0] + cy * ray[1]) / (1 - cx * ray[2] - cy * ray[3])
+    if world.form_unit_mm > 0:
+        z, cx, cy = _formed(world.form, world.form_unit_mm, world.base, ray, z)
     length = np.sqrt(1 + cx * cx + cy * cy)
     surface, normal, albedo = PLATE, (-cx / length, -cy / length, 1 / length), 1.0
     if world.n_solids > 0:
@@ -115,6 +131,26 @@ def see(world: World, ray: Ray) -> tuple[float, int, Triple, float]:
             z, surface = z_hit, 1 + world.n_faces + world.n_spheres
             albedo, normal = _field_surface(world.field, world.frame, ray[0] + ray[2] * z, ray[1] + ray[3] * z)
     return z, surface, normal, albedo
+
+
+@compiled
+def _formed(form: np.ndarray, unit_mm: float, base: Triple, ray: Ray, z: float) -> tuple[float, float, float]:
+    """Height at which a ray meets a flat that is not plane, and the slopes there."""
+    cx, cy = base[1], base[2]
+    for _ in range(FORM_ROUNDS):
+        x, y = ray[0] + ray[2] * z, ray[1] + ray[3] * z
+        height, rise_x, rise_y = 0.0, 0.0, 0.0
+        for i in range(FORM_ORDER):
+            for j in range(FORM_ORDER):
+                if form[i, j] != 0:
+                    height += form[i, j] * (x / unit_mm) ** i * (y / unit_mm) ** j
+                    if i > 0:
+                        rise_x += form[i, j] * i / unit_mm * (x / unit_mm) ** (i - 1) * (y / unit_mm) ** j
+                    if j > 0:
+                        rise_y += form[i, j] * j / unit_mm * (x / unit_mm) ** i * (y / unit_mm) ** (j - 1)
+        cx, cy = base[1] + rise_x, base[2] + rise_y
+        z = base[0] + base[1] * x + base[2] * y + height
+    return z, cx, cy
 
 
 @compiled

@@ -27,7 +27,7 @@ _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and
 _U_LIGHT_LEAST = 0.002  # what no number of repeats within minutes says of the next month
 _ENOUGH_REPEATS = 4  # from so many on, their scatter has a standard deviation at all (JCGM 101:2008, 6.4.9.4)
 #: What is the same in both sessions, and so falls out of their comparison.
-_OF_THE_CAMERA = frozenset(
+_THE_SAME = frozenset(
     {
         Influence.GRID_PITCH,
         Influence.CAMERA_HEIGHT,
@@ -36,6 +36,7 @@ _OF_THE_CAMERA = frozenset(
         Influence.CAMERA_TILT_X,
         Influence.CAMERA_TILT_Y,
         Influence.LENS,
+        Influence.PLATE_FLATNESS,
     }
 )
 
@@ -117,7 +118,7 @@ def _calibration_part(layout: Layout, calibration: RigCalibration, observed: Obs
     alone = [component.influence for component in calibration.components].count(Influence.STRIP_HEIGHT) == 1
     for component in calibration.components:
         influence = component.influence
-        if influence in _OF_THE_CAMERA and not (influence is Influence.GRID_PITCH and another_sheet):
+        if influence in _THE_SAME and not (influence is Influence.GRID_PITCH and another_sheet):
             continue
         state = base_state(calibration.shifted(component))
         if influence is Influence.STRIP_HEIGHT:  # the same strips lie there today, as far off what is stated as then

@@ -1,6 +1,6 @@
 """The projection angle and all that it rests on: fringe breaks, tables 3.5 and 3.6, the map over the field."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -20,6 +20,7 @@ from fringecal.projector import (
     phase_breaks,
     projection_angle,
     runs_along_rows,
+    with_other_causes,
 )
 from fringecal.session import Session
 from fringecal.uncertainty import Budget, Estimate
@@ -102,10 +103,15 @@ def angles_of(found: CalibratedSession) -> AngleFindings:
     result = found.result
     labels = result.strips.found.regions.labels
     breaks = phase_breaks(result.rig, result.observations, labels, surfaces=len(result.orders))
-    return gather_angles(
+    angles = gather_angles(
         found.session, "phase", result.camera, result.rig, breaks, next(iter(result.orders.values())),
         found.strips.capture.read()[0],
     )  # fmt: skip
+    if angles.displacement is None or result.stated_projector is None:
+        return angles
+    fits = result.camera.fit, result.fit
+    named = with_other_causes(angles.displacement, result.rig, result.stated_projector, result.observations, fits)
+    return replace(angles, displacement=named)
 
 
 def gather_angles(  # noqa: PLR0913, PLR0917 -- private: gathers what one estimator found

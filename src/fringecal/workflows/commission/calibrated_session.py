@@ -15,7 +15,8 @@ from fringecal.calibration import (
 )
 from fringecal.camera import PlateCamera
 from fringecal.errors import DetectionError, FitError, SessionError
-from fringecal.session import Session
+from fringecal.session import Capture, Session
+from fringecal.targets import Flat
 from fringecal.workflows.commission.camera import measure_camera
 from fringecal.workflows.commission.further import further_captures, strips_captures, strips_target
 from fringecal.workflows.shared import CapturePhase, caused_by_frames, phase_of_capture, projector_of, too_few_pixels
@@ -74,6 +75,7 @@ def calibrate_session(
         standards=[Standard(one.capture.name, one.capture.target, one.map) for one in further],
         projector=projector_of(session),
         wave=wave,
+        reference=_flat(reference.capture),
         progress=progress,
     )
     return CalibratedSession(session, reference, strips_capture, result)
@@ -85,6 +87,11 @@ def _demand(session: Session, *kinds: str) -> None:
         raise SessionError(
             [f"no capture of kind {kind!r}: commissioning needs one; add it to session.toml" for kind in missing]
         )
+
+
+def _flat(reference: Capture) -> Flat | None:
+    """Return what the session states of its plate."""
+    return reference.target if isinstance(reference.target, Flat) else None
 
 
 def _plate(reference: CapturePhase) -> PlateSurface:

@@ -18,7 +18,11 @@ Array = NDArray[np.float64]
 Quantity = Callable[[RigCalibration], float]
 
 # Kinds of artefact whose error is the same in both calibrations where both used one and the same.
-_SHARED = {Influence.GRID_PITCH: ("line-grid",), Influence.STRIP_HEIGHT: ("strips",)}
+_SHARED = {
+    Influence.GRID_PITCH: ("line-grid",),
+    Influence.STRIP_HEIGHT: ("strips",),
+    Influence.PLATE_FLATNESS: ("flat",),
+}
 _WIDTH_OVER_HEIGHT = 10  # of the field and of an object that fits any rig, yet is higher than strips
 # Fractions of the picture's width and height at which heights are compared.
 _PLACES = {
@@ -164,7 +168,7 @@ def _shared_change(before: Array, after: Array) -> Array:
 def _changes(calibration: RigCalibration, quantity: Quantity) -> dict[Influence, Array]:
     """Return signed changes and degrees of freedom, (2, n), of the components of each influence.
 
-    A shared influence has one component.
+    A shared influence has one component, or the same ones in the same order.
     """
     changes = np.stack([calibration.changes(quantity), [component.dof for component in calibration.components]])
     influences = [component.influence for component in calibration.components]

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fringecal.simulate import RigSpec, SimulatedSession, StepsSpec, simulate_session, stated_target
-from fringecal.targets import Target
+from fringecal.simulate import PlateSpec, RigSpec, SimulatedSession, StepsSpec, simulate_session, stated_target
+from fringecal.targets import LineGrid, Strips, Target
 
 PICTURE_PX = (320, 240)  # small, so that a rig takes seconds
 STEP_ERROR_DEG = 1.5  # standard deviation: a mirror turned by hand
@@ -41,6 +42,8 @@ class Population:
         What is stated with an error of that standard uncertainty.
     strip_height_mm
         Stated height of the strips.
+    flatness_mm
+        Largest distance of the plate from its best plane, known from its certificate.
     place_mm, rotation_deg
         How grid and strips lie off the middle.
     """
@@ -75,6 +78,7 @@ class Population:
     grid_pitch_u_mm: Range = (0.002, 0.006)
     strip_height_u_mm: Range = (0.003, 0.01)
     strip_height_mm: Range = (2.5, 4.0)
+    flatness_mm: Range = (0.0, 0.2)
     place_mm: Range = (-3.0, 3.0)
     rotation_deg: Range = (-0.6, 0.6)
 
@@ -87,7 +91,12 @@ _STRIP_MM = 10.0  # width of a strip, and of the gap to the next
 _CERTIFICATE = "virtual: the true size is off by a normal error of the stated u"
 _STEPS_DEG = ((0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0))
 
+_BOWS = 0.5  # share of the plates that bend about one direction, as what lies on two bearings does
+_FORM_UNIT_MM, _FORM_NODES = 100.0, 41
+
 type Draw = np.random.Generator
+type Array = NDArray[np.float64]
+type Terms = tuple[tuple[int, int, float], ...]
 
 
 @dataclass(frozen=True)
@@ -140,9 +149,11 @@ def draw_rig(number: int, *, seed: int = 0, spec: RigSpec | None = None) -> Draw
     if spec is None:
         spec = _random_spec(rng, number)
     captures = tuple(c for c in spec.capture if c.kind in ("grid", "reference", "strips"))
-    spec = spec.model_copy(update={"capture": captures})
+    spec = _bent(rng, spec.model_copy(update={"capture": captures}))
     stated = {c.name: stated_target(c) for c in captures}
-    targets = {name: _true_target(rng, target) for name, target in stated.items() if target is not None}
+    targets = {
+        name: _true_target(rng, target) for name, target in stated.items() if isinstance(target, LineGrid | Strips)
+    }
     steps = {c.name: _true_steps(rng, spec.steps) for c in captures if c.kind != "grid"}
     return DrawnRig(number, spec, targets, steps, int(rng.integers(2**31)))
 
@@ -177,6 +188,54 @@ def _random_spec(rng: Draw, number: int) -> RigSpec:
             "capture": _captures(rng, scale),
         }
     )
+
+
+def _bent(rng: Draw, spec: RigSpec) -> RigSpec:
+    """Lay a plate under a rig that is as far from flat as its certificate says, in one way or another."""
+    flatness = rng.uniform(*POPULATION.flatness_mm)
+    half = spec.camera.scale_mm_per_px * np.array(PICTURE_PX) / 2
+    captures = tuple(
+        c.model_copy(update={"target": _plate(flatness)}) if c.kind == "reference" else c for c in spec.capture
+    )
+    form = _bow(rng, flatness, half) if rng.random() < _BOWS else _warp(rng, flatness, half)
+    return spec.model_copy(update={"plate": PlateSpec(form=form, unit_mm=_FORM_UNIT_MM), "capture": captures})
+
+
+def _plate(flatness_mm: float) -> dict[str, Any]:
+    return {
+        "format": 1,
+        "kind": "flat",
+        "name": "plate",
+        "certificate": "virtual: as far from flat as is stated",
+        "flatness_mm": {"value": flatness_mm, "u": 0.0},
+    }
+
+
+def _bow(rng: Draw, flatness_mm: float, half_mm: Array) -> Terms:
+    """Bend a plate about one direction: a parabola across it, whose ends and middle are equally far from its plane."""
+    angle, sign = rng.uniform(0, math.pi), rng.choice([-1.0, 1.0])
+    c, s = math.cos(angle), math.sin(angle)
+    terms = ((2, 0, c * c), (1, 1, 2 * c * s), (0, 2, s * s))
+    return _scaled(tuple((i, j, sign * mm) for i, j, mm in terms), flatness_mm, half_mm)
+
+
+def _warp(rng: Draw, flatness_mm: float, half_mm: Array) -> Terms:
+    """Bend and twist a plate in all ways of second and third order, the third half as much."""
+    x, y = half_mm / _FORM_UNIT_MM
+    orders = [(i, j) for i in range(4) for j in range(4) if 2 <= i + j <= 3]
+    sizes = [rng.standard_normal() * (1.0 if i + j == 2 else 0.5) / x**i / y**j for i, j in orders]
+    return _scaled(tuple((i, j, mm) for (i, j), mm in zip(orders, sizes, strict=True)), flatness_mm, half_mm)
+
+
+def _scaled(terms: Terms, flatness_mm: float, half_mm: Array) -> Terms:
+    """Take a form's best plane off and give it its size: the largest distance from that plane over the picture."""
+    x, y = (c.ravel() for c in np.meshgrid(*(np.linspace(-h, h, _FORM_NODES) / _FORM_UNIT_MM for h in half_mm)))
+    height = sum((mm * x**i * y**j for i, j, mm in terms), np.zeros(x.size))
+    design = np.column_stack([np.ones_like(x), x, y])
+    plane = np.linalg.lstsq(design, height, rcond=None)[0]
+    size = flatness_mm / float(np.abs(height - design @ plane).max())
+    level = ((0, 0, -plane[0]), (1, 0, -plane[1]), (0, 1, -plane[2]))
+    return tuple((i, j, float(size * mm)) for i, j, mm in (*terms, *level))
 
 
 def _camera(rng: Draw, scale: float) -> dict[str, Any]:
