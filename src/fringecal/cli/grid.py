@@ -1,7 +1,9 @@
 """`fringecal grid`: the lines of a grid picture, the scale they give, and the lens distortion."""
 
 import sys
+from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +22,10 @@ from fringecal.camera import (
     thesis_scale,
 )
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.pictures import read_picture
+from fringecal.cli.shared.pictures import channel_sentence, demand_channel, read_channels
 from fringecal.cli.shared.saving import demand_folder
-from fringecal.detect import FAMILIES, Polarity, find_dot_grid, find_grid
-from fringecal.errors import TargetError
+from fringecal.detect import FAMILIES, GridDetection, Polarity, find_dot_grid, find_grid
+from fringecal.errors import DetectionError, TargetError
 from fringecal.records import result_folder, software_versions, write_table
 from fringecal.report import REPORT_FILE, Report, Verdict, write_report
 from fringecal.targets import Dots, LineGrid, load_target
@@ -57,26 +59,44 @@ def grid(
     pattern: str = typer.Option("lines", "--pattern", help="What to look for without a target: lines or dots."),
     polarity: str = typer.Option("auto", "--polarity", help="auto, dark or light lines or dots."),
     centre: str = typer.Option("auto", "--centre", help="Centre of distortion: auto, image or free."),
+    channel: str | None = typer.Option(
+        None, "--channel", help="Colour picture: mean, red, green, blue or luma; else the one that shows most."
+    ),
     out: Path | None = typer.Option(None, "--out", help="Folder for tables (CSV) and figures (PNG)."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-grid/1)."),
 ) -> None:
     """Load, detect, save, print."""
-    picture = read_picture(image)
+    demand_channel(channel)
     paper = None if target is None else _target(target)
-    if isinstance(paper, Dots) or (paper is None and _pattern(pattern) == "dots"):
-        detection = find_dot_grid(picture, polarity=_polarity(polarity))
-    else:
-        detection = find_grid(picture, polarity=_polarity(polarity))
+    dots = isinstance(paper, Dots) or (paper is None and _pattern(pattern) == "dots")
+    detect = partial(find_dot_grid if dots else find_grid, polarity=_polarity(polarity))
+    taken, picture, detection = _detected(image, channel, detect)
     test = examine_distortion(detection, centre=_centre(centre))
     pitch = None if paper is None else paper.pitch_mm.estimate("pitch", "mm")
     scale = None if pitch is None else thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
     found = GridPicture(image.name, picture, detection, test, scale, pitch)
     files = _save(found, out, command_line("grid", sys.argv[2:])) if out else []
-    document = _document(image, found) | {"files": files}
+    document = _document(image, found) | {"channel": taken, "files": files}
     if as_json:
         print_json(document)
     else:
+        if taken is not None:
+            _say(channel_sentence(taken, channel))
         _show(document, found)
+
+
+def _detected(
+    image: Path, channel: str | None, detect: Callable[[np.ndarray], GridDetection]
+) -> tuple[str | None, np.ndarray, GridDetection]:
+    """Detect by the first channel that shows the pattern; what the first of them lacked is said if none does."""
+    refused: DetectionError | None = None
+    for taken, (picture,) in read_channels([image], channel):
+        try:
+            return taken, picture, detect(picture)
+        except DetectionError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
 
 
 def _polarity(text: str) -> Polarity:

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.pictures import read_picture
+from fringecal.cli.shared.pictures import channel_sentence, demand_channel, read_channels
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
@@ -53,6 +53,9 @@ def lens(
     model: str = typer.Option("brown", "--model", help="brown; opencv8 or splined (mrcal)."),
     flat_board: bool = typer.Option(False, "--flat-board", help="Take the board as flat."),
     distance_mm: float | None = typer.Option(None, help="Distance for the map of uncertainty; else the boards'."),
+    channel: str | None = typer.Option(
+        None, "--channel", help="Colour pictures: mean, red, green, blue or luma; else the one that shows most."
+    ),
     out: Path | None = typer.Option(None, "--out", help="Folder for the results."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-lens/1)."),
 ) -> None:
@@ -62,10 +65,13 @@ def lens(
     from fringecal.workflows.lens import lens_record, lens_report
 
     _demand(solver, model, distance_mm, out)
-    command = command_line("lens", [*source, *(["--target", target] if target else [])])
+    demand_channel(channel)
+    given = [*(["--target", target] if target else []), *(["--channel", channel] if channel else [])]
+    command = command_line("lens", [*source, *given])
     with progress(quiet=as_json) as show:
         show("finding the board and fitting the lens")
-        found, inputs = _found(source, target, _Wanted(cast("Solver", solver), cast("Model", model), flat_board))
+        wanted = _Wanted(cast("Solver", solver), cast("Model", model), flat_board)
+        found, inputs, taken = _found(source, target, channel, wanted)
         record = lens_record(KnownLens(found.fit.lens, findings=found), distance_mm=distance_mm)
         hashes = {entry.file: entry.sha256 for entry in inputs}
         document = LensDocument(software=software_versions(), command=command, inputs=hashes, lens=record)
@@ -82,6 +88,8 @@ def lens(
     if as_json:
         print_json(document.model_dump(mode="json"))
         return
+    if taken is not None:
+        console.print(channel_sentence(taken, channel), markup=False, highlight=False, soft_wrap=True)
     console.print(_table(found))
     for sentence in record.notes:
         console.print(sentence, markup=False, highlight=False, soft_wrap=True)
@@ -101,8 +109,10 @@ def _demand(solver: str, model: str, distance_mm: float | None, out: Path | None
         demand_folder(out)
 
 
-def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["LensFindings", tuple["InputFile", ...]]:
-    """Fit the lens to a session's boards or to pictures; with the files used."""
+def _found(
+    source: list[Path], target: str | None, channel: str | None, wanted: _Wanted
+) -> tuple["LensFindings", tuple["InputFile", ...], str | None]:
+    """Fit the lens to a session's boards or to pictures; with the files used, and the channel of colour pictures."""
     from fringecal.calibration import lens_from_pictures
     from fringecal.records import sha256_of
     from fringecal.report import InputFile
@@ -114,15 +124,18 @@ def _found(source: list[Path], target: str | None, wanted: _Wanted) -> tuple["Le
     if len(source) == 1 and source[0].is_dir():
         if target is not None:
             raise typer.BadParameter("a session names its own targets; leave it out", param_hint="--target")
+        if channel is not None:
+            raise typer.BadParameter("a session states its own channel; leave it out", param_hint="--channel")
         session = load_session(source[0])
         found = measure_lens(session, **asdict(wanted))
-        return found, tuple(one for capture in session.find("board") for one in inputs_of_capture(capture))
+        return found, tuple(one for capture in session.find("board") for one in inputs_of_capture(capture)), None
     if target is None:
         raise typer.BadParameter("pictures need the board that they show", param_hint="--target")
     board = load_target(target)
-    pictures = [(path.name, read_picture(path)) for path in source]
+    taken, read = read_channels(source, channel)[0]
+    pictures = [(path.name, picture) for path, picture in zip(source, read, strict=True)]
     found = lens_from_pictures(pictures, board, **asdict(wanted))
-    return found, tuple(InputFile("board", path.name, sha256_of(path)) for path in source)
+    return found, tuple(InputFile("board", path.name, sha256_of(path)) for path in source), taken
 
 
 def _save(document: "LensDocument", report: "Report", found: "LensFindings", out: Path) -> None:

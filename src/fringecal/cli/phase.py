@@ -21,7 +21,6 @@ from fringecal.cli.shared.phase_orders import (
     summarised,
 )
 from fringecal.cli.shared.phase_sets import (
-    CHANNELS,
     Group,
     PhaseSet,
     Stated,
@@ -30,6 +29,7 @@ from fringecal.cli.shared.phase_sets import (
     pictures_of,
     session_groups,
 )
+from fringecal.cli.shared.pictures import demand_channel
 from fringecal.phase import (
     Diagnosis,
     Finding,
@@ -139,8 +139,7 @@ def _groups(
     elif steps is None:
         raise typer.BadParameter("state the phase shifts of the pictures, such as 0,120,240", param_hint="--steps")
     else:
-        if channel is not None and channel not in CHANNELS:
-            raise typer.BadParameter(f"{channel!r} is none of {', '.join(CHANNELS)}", param_hint="--channel")
+        demand_channel(channel)
         several = tuple(_numbers(periods, "--periods")) if periods is not None else ()
         stated = Stated(np.deg2rad(_numbers(steps, "--steps")), several, channel)
         yield picture_group(source if folder is None else pictures_of(folder), stated)

@@ -7,6 +7,9 @@ from .boards import (
 from .boards import (
     find_dots as find_dots,
 )
+from .channel_contrast import (
+    pattern_contrast as pattern_contrast,
+)
 from .dots import (
     find_dot_grid as find_dot_grid,
 )

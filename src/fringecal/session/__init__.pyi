@@ -53,6 +53,9 @@ from .pictures.capture_files import (
     read_bytes as read_bytes,
 )
 from .pictures.picture import (
+    Picture as Picture,
+)
+from .pictures.picture import (
     decode as decode,
 )
 from .pictures.picture import (

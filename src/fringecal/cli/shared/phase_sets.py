@@ -10,7 +10,6 @@ from fringecal.cli.shared.pictures import read_picture
 from fringecal.errors import PhaseError
 from fringecal.session import FILE_NAME, Capture, Session, load_session, natural_key
 
-CHANNELS = ("mean", "red", "green", "blue", "luma")
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 
 
