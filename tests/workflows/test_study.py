@@ -3,15 +3,18 @@
 import math
 import os
 import signal
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
 
 from fringecal.errors import FringecalError, RecordError
+from fringecal.projector import total_u
 from fringecal.records.parts import EstimateRecord
 from fringecal.records.study_record import Comparison, RigResult, rig_file
 from fringecal.simulate import load_rig
+from fringecal.targets import parse_target
 from fringecal.uncertainty.coverage import wilson_interval
 from fringecal.workflows.study.coverage_summary import summarise
 from fringecal.workflows.study.drawn_rigs import STEP_ERROR_DEG, draw_rig
@@ -36,12 +39,14 @@ def test_impossible_counts_are_refused(hits, number):
 
 def drawn_errors(number):
     drawn = draw_rig(number, seed=5)
-    stated = {c.name: c.target for c in drawn.spec.capture if c.target is not None}
-    sizes = {"grid": "pitch_mm", "strips": "height_mm"}
-    errors = []
-    for name, size in sizes.items():
-        value, u = stated[name][size]["value"], stated[name][size]["u"]
-        errors.append((getattr(drawn.targets[name], size).value - value) / u)
+    stated = {c.name: parse_target(c.target).warmed(None, 0.0) for c in drawn.spec.capture if c.target is not None}
+    pitch, strips = stated["grid"].pitch_mm, stated["strips"]
+    u_pitch = math.hypot(pitch.u, pitch.value * stated["grid"].thermal_rel_u)
+    height = replace(strips.height_mm.estimate("height", "mm"), value=strips.height_mm.value + strips.added_mm)
+    errors = [
+        (drawn.targets["grid"].pitch_mm.value - pitch.value) / u_pitch,
+        (drawn.targets["strips"].height_mm.values[0] - height.value) / total_u(strips, height),
+    ]
     return [*errors, *(np.array(drawn.steps["strips"].error_deg) / STEP_ERROR_DEG)[:3]]
 
 

@@ -102,7 +102,9 @@ class CameraKnowledge:
     lens: KnownLens | None = None
 
 
-def camera_from_grid(detection: GridDetection, pitch: Estimate, known: CameraKnowledge) -> CameraFindings:
+def camera_from_grid(
+    detection: GridDetection, pitch: Estimate, known: CameraKnowledge, *, thermal_rel_u: float = 0.0
+) -> CameraFindings:
     """Fit the camera on the plate to a detected grid, test it for distortion, and measure the thesis's scale.
 
     Parameters
@@ -113,6 +115,8 @@ def camera_from_grid(detection: GridDetection, pitch: Estimate, known: CameraKno
         Distance of neighbouring lines, mm.
     known
         What is known of the camera; where it is neither its height nor its lens, a usual lens is assumed.
+    thermal_rel_u
+        Relative standard uncertainty of the pitch by temperature, beside that of `pitch`.
 
     Raises
     ------
@@ -122,13 +126,32 @@ def camera_from_grid(detection: GridDetection, pitch: Estimate, known: CameraKno
     lens = None if known.lens is None else known.lens.lens
     stated = known.height_mm is not None or known.telecentric or lens is not None
     assumed = None if stated else usual_height(detection, pitch.value)
-    fit = fit_camera(detection, pitch, known, assumed=assumed)
+    thermal_mm = thermal_rel_u * pitch.value
+    whole = replace(pitch, u=math.hypot(pitch.u, thermal_mm))
+    fit = fit_camera(detection, whole, known, assumed=assumed)
+    fit = _with_what_is_stated(fit, pitch, thermal_mm, known.height_mm)
     test = examine_distortion(detection)
     tables = thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
     seen = None
     if lens is not None and known.height_mm is not None and not known.telecentric:
         seen = camera_height(fit_grid_camera(detection, pitch, lens=lens))
     return CameraFindings(pitch, detection, fit, test, tables, known.lens, seen, assumed)
+
+
+def _with_what_is_stated(fit: CameraFit, pitch: Estimate, thermal_mm: float, height: Estimate | None) -> CameraFit:
+    """Give components the degrees of freedom that are stated, and take what temperature does out of the pitch's."""
+    stated = {Influence.GRID_PITCH: pitch.dof, Influence.CAMERA_HEIGHT: math.inf if height is None else height.dof}
+    found: list[UncertaintyComponent] = []
+    for one in fit.components:
+        dof = stated.get(one.influence, math.inf)
+        known = replace(one, dof=dof) if math.isfinite(dof) else one
+        if one.influence is Influence.GRID_PITCH and thermal_mm > 0:
+            whole = math.hypot(pitch.u, thermal_mm)
+            found.append(replace(known, effect=one.effect * (pitch.u / whole)))
+            found.append(UncertaintyComponent(Influence.TEMPERATURE, one.effect * (thermal_mm / whole)))
+        else:
+            found.append(known)
+    return replace(fit, components=tuple(found))
 
 
 def usual_height(detection: GridDetection, pitch_mm: float) -> Estimate:

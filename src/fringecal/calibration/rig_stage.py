@@ -115,7 +115,7 @@ def calibrate_surfaces(
     FitError
         The surfaces do not determine the rig, or a standard is not to be seen.
     """
-    observations, orders = observe_surfaces(plate, strips)
+    observations, orders = observe_surfaces(plate, strips, camera.fit.camera)
     observations = replace(observations, form=plate_form(reference, camera.fit.camera))
     progress("joint fit of the rig")
     rig, fit, observations, seen = _fitted(camera, plate, observations, standards, projector, progress)

@@ -1,7 +1,7 @@
 """From phase maps to what a rig is fitted to: the plate, then the strips, one surface for each height."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,15 @@ from fringecal.projector import (
     OrderedStrips,
     StripPhase,
     explained,
+    height_parts,
+    is_split,
     measure_strips,
     order_like_strips,
     pick_points,
+    total_u,
 )
 from fringecal.targets import Strips
-from fringecal.uncertainty import Estimate
+from fringecal.uncertainty import Estimate, UncertaintyComponent
 
 Array = NDArray[np.float64]
 
@@ -148,11 +151,14 @@ def measured_step(above: PhaseMap, plate: PhaseMap) -> MeasuredStep | None:
     return MeasuredStep(above.orders.phase.astype(float) + 2 * np.pi * number - plate.orders.phase, above.orders.cycle)
 
 
-def observe_surfaces(plate: PlateSurface, strips: StripSurfaces) -> tuple[Observations, dict[float, OrderDecision]]:
+def observe_surfaces(
+    plate: PlateSurface, strips: StripSurfaces, camera: PlateCamera
+) -> tuple[Observations, dict[float, OrderDecision]]:
     """Draw pixels of plate and strips, one surface for each height, and return the order decided for each height."""
     picked = [_picked(np.isfinite(plate.unwrapped_rad), plate.unwrapped_rad)]
     heights = [Estimate(0.0, 0.0, "mm", "plate")]
     orders: dict[float, OrderDecision] = {}
+    parts: list[tuple[UncertaintyComponent, ...] | None] = [None]
     found, ordered = strips.found, strips.ordered
     groups = ordered.groups(found)
     for height, labels in groups.items():
@@ -161,9 +167,22 @@ def observe_surfaces(plate: PlateSurface, strips: StripSurfaces) -> tuple[Observ
             orders[height] = ordered.decision
             number = max(SURFACE_POINTS // len(groups), _LEAST_OF_A_HEIGHT)
             picked.append(_picked(inside, ordered.phase_rad, number=number))
-            heights.append(found.heights_mm[ordered.items[labels[0] - 1]])
+            one = found.heights_mm[ordered.items[labels[0] - 1]]
+            heights.append(replace(one, u=total_u(strips.target, one)))
+            parts.append(_parts(strips, picked[-1], camera))
     u, v, phase, cluster = (tuple(column) for column in zip(*picked, strict=True))
-    return Observations(u, v, phase, cluster, tuple(heights)), orders
+    return Observations(u, v, phase, cluster, tuple(heights), parts=tuple(parts)), orders
+
+
+def _parts(strips: StripSurfaces, picked: "Picked", camera: PlateCamera) -> tuple[UncertaintyComponent, ...] | None:
+    """Split the uncertainty of the heights of strips into what it is made of, where more than one u is stated."""
+    if not is_split(strips.target):
+        return None
+    u, v, _, _ = picked
+    labels = strips.found.regions.labels[v.astype(int), u.astype(int)]
+    rays = camera.rays(u, v)
+    items = np.array(strips.ordered.items)[labels - 1]
+    return height_parts(strips.target, strips.found.heights_mm, items, rays.ax, rays.ay)
 
 
 type Picked = tuple[Array, Array, Array, NDArray[np.intp]]

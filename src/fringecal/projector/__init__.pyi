@@ -172,6 +172,15 @@ from .standards.artefact_phase import (
 from .standards.artefact_phase import (
     observe_strips as observe_strips,
 )
+from .standards.strip_heights import (
+    height_parts as height_parts,
+)
+from .standards.strip_heights import (
+    is_split as is_split,
+)
+from .standards.strip_heights import (
+    total_u as total_u,
+)
 from .standards.strip_phase import (
     StripPhase as StripPhase,
 )

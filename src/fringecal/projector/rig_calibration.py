@@ -5,7 +5,7 @@ standard uncertainty of it does to all parameters at once. Any quantity's budget
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from operator import attrgetter
@@ -19,12 +19,17 @@ from fringecal.phase import PlateLook, PlateOrders, Waveform
 from fringecal.projector.joint_fit import PhasePoints, RigFit, fit_rig
 from fringecal.projector.plate_form import PlateForm, form_height
 from fringecal.projector.rig_model import RESIDUAL_DEGREE, RIG_NAMES, PlateResidual, RigModel, projector_point
-from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent, combined
+from fringecal.uncertainty import Budget, Estimate, Influence, Source, UncertaintyComponent, combined
 
 Array = NDArray[np.float64]
 
 NOT_STATED = "(not stated)"
 """Detail of a source of which nothing is stated: its component has no effect, and its row says why."""
+#: What all artefacts share that name it: one and the same error of all of them.
+_OF_WHOLE_SETS = frozenset({Influence.INSTRUMENT, Influence.TEMPERATURE, Influence.STRIP_PAINT, Influence.TRANSLUCENCY})
+#: What each strip has for itself.
+OF_SINGLE_STRIPS = frozenset({Influence.STRIP_HEIGHT, Influence.STRIP_SEATING, Influence.STRIP_PARALLELISM})
+_MANY = 4  # components of one source from which on its principal axes are fewer
 _NEGLIGIBLE = 1e-4  # axes below this share of the variance only cost time
 
 
@@ -101,7 +106,8 @@ class Observations:
     plate), which names its influence. Where a surface is not level, `relief_mm` is added to its height pixel
     by pixel, and `components` holds uncertainty components beside the height's own: effects in mm, one number or
     one for each pixel. `form` is the plate's, which all that lies on it follows; None takes it for a plane without a
-    word.
+    word. `parts` splits a height's own u, which then only weighs it in the fit, into what it is made of: effects in mm,
+    one for each pixel. A part of one source that several surfaces have is one and the same error of all of them.
     """
 
     u_px: tuple[Array, ...]
@@ -112,6 +118,7 @@ class Observations:
     relief_mm: tuple[float | Array, ...] = ()
     components: tuple[tuple[UncertaintyComponent, ...], ...] = ()
     form: PlateForm | None = None
+    parts: tuple[tuple[UncertaintyComponent, ...] | None, ...] = ()
 
     def components_of(self, surface: int) -> tuple[UncertaintyComponent, ...]:
         """Return all components of the uncertainty of a surface's height, its own first."""
@@ -119,8 +126,28 @@ class Observations:
         own = (UncertaintyComponent.of(height),) if height.u > 0 else ()
         return (*own, *(self.components[surface] if self.components else ()))
 
+    def errors(self) -> list[tuple[UncertaintyComponent, dict[int, float | Array]]]:
+        """Return every error of the heights: its component, and by how much one u of it changes which surface, mm."""
+        found: list[tuple[UncertaintyComponent, dict[int, float | Array]]] = []
+        shared: dict[Source, dict[int, float | Array]] = {}
+        for surface in range(len(self.height_mm)):
+            parts = self.parts[surface] if self.parts else None
+            own = self.components_of(surface)
+            if parts is not None:
+                own = (*parts, *own[int(self.height_mm[surface].u > 0) :])
+            for one in own:
+                changed = shared.setdefault(one.source, {}) if one.influence in _OF_WHOLE_SETS else {}
+                if not changed:
+                    found.append((one, changed))
+                changed[surface] = one.effect
+        return found
+
     def surfaces(
-        self, camera: PlateCamera, *, raised: tuple[int, int] | None = None, bent_mm: Array | None = None
+        self,
+        camera: PlateCamera,
+        *,
+        raised: Mapping[int, float | Array] | None = None,
+        bent_mm: Array | None = None,
     ) -> list[PhasePoints]:
         """Return the points as this camera sees them.
 
@@ -129,7 +156,7 @@ class Observations:
         camera
             The camera on the plate.
         raised
-            Surface and component: one standard uncertainty of that component is added.
+            By how much the heights of which surface are changed, mm.
         bent_mm
             Coefficients that are added to the plate's form.
         """
@@ -137,8 +164,8 @@ class Observations:
         for i, height in enumerate(self.height_mm):
             changes = tuple(component.effect for component in self.components_of(i))
             z = height.value + (self.relief_mm[i] if self.relief_mm else 0.0)
-            if raised is not None and raised[0] == i:
-                z = z + changes[raised[1]]
+            if raised is not None and i in raised:
+                z = z + raised[i]
             rays = camera.rays(self.u_px[i], self.v_px[i])
             z = z + self._form_mm(*rays.at(z), bent_mm)
             made.append(PhasePoints(rays, z, self.phase_rad[i], self.cluster[i], changes))
@@ -165,9 +192,13 @@ class Observations:
         )
         relief = few(self.relief_mm) if self.relief_mm else ()  # type: ignore[arg-type]
         clusters = tuple(k[c] for k, c in zip(self.cluster, chosen, strict=True))
+        parts = tuple(
+            None if row is None else tuple(replace(c, effect=few([c.effect] * len(chosen))[i]) for c in row)
+            for i, row in enumerate(self.parts)
+        )
         return replace(
             self, u_px=few(self.u_px), v_px=few(self.v_px), phase_rad=few(self.phase_rad),
-            cluster=clusters, relief_mm=relief, components=components,
+            cluster=clusters, relief_mm=relief, components=components, parts=parts,
         )  # fmt: skip
 
     def joined(self, other: "Observations") -> "Observations":
@@ -181,6 +212,7 @@ class Observations:
             sum((o.relief_mm or (0.0,) * len(o.height_mm) for o in (self, other)), ()),
             sum((o.components or ((),) * len(o.height_mm) for o in (self, other)), ()),
             self.form,
+            sum((o.parts or (None,) * len(o.height_mm) for o in (self, other)), ()),
         )
 
 
@@ -216,7 +248,7 @@ def calibrate_rig(
 
     def solve(
         camera: PlateCamera,
-        raised: tuple[int, int] | None = None,
+        raised: Mapping[int, float | Array] | None = None,
         start: RigFit | None = None,
     ) -> RigFit:
         return fit_rig(
@@ -231,11 +263,11 @@ def calibrate_rig(
     base = _joined(camera, fit.model)
     scatter = _scatter_effects(fit, base.size)
     components = [UncertaintyComponent(Influence.PHASE_SCATTER, effect, fit.dof) for effect in scatter]
-    for index in range(len(observations.height_mm)):
-        for number, height in enumerate(observations.components_of(index)):
-            progress(f"sensitivity to {height.source.text}")
-            effect = _joined(camera, solve(camera, (index, number), fit).model) - base
-            components.append(replace(height, effect=effect))
+    for height, raised in observations.errors():
+        progress(f"sensitivity to {height.source.text}")
+        effect = _joined(camera, solve(camera, raised, fit).model) - base
+        components.append(replace(height, effect=effect))
+    components = _gathered(components)
     if observations.form is not None:
         progress(f"sensitivity to {Influence.PLATE_FLATNESS.text}")
         axes = observations.form.axes_mm
@@ -248,6 +280,22 @@ def calibrate_rig(
             components.append(replace(component, effect=_joined(moved, solve(moved, start=fit).model) - base))
     excess = math.sqrt(max(0.0, fit.plate_rms_rad**2 - phase_sigma_rad**2))
     return RigCalibration(camera, fit.model, tuple(components), excess), fit
+
+
+def _gathered(components: list[UncertaintyComponent]) -> list[UncertaintyComponent]:
+    """Return components with those of single strips, which are many, as the principal axes of each source's sum."""
+    by_source: dict[Source, list[UncertaintyComponent]] = {}
+    for one in components:
+        by_source.setdefault(one.source, []).append(one)
+    found: list[UncertaintyComponent] = []
+    for source, same in by_source.items():
+        if source.influence not in OF_SINGLE_STRIPS or len(same) < _MANY:
+            found += same
+            continue
+        covariance = sum((np.outer(c.effect, c.effect) for c in same), np.zeros((same[0].effect.size,) * 2))
+        # Each strip's height has its own degrees of freedom: together they have about as many as all of them.
+        found += [replace(same[0], effect=axis, dof=sum(c.dof for c in same)) for axis in _axes(covariance)]
+    return found
 
 
 def bent_effects(  # noqa: PLR0913 -- a fit, what it was made from, and what of it is bent

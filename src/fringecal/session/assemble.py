@@ -9,12 +9,12 @@ from fringecal.session.captures import CameraKnown, Capture, MirrorKnown, Projec
 from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
 
+_ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
+
 
 def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]) -> Session:
     """Build the session of a folder in which no fault was found."""
-    captures = [
-        _capture(draft, white, document.camera.channel) for draft, white in zip(drafts, white_levels, strict=True)
-    ]
+    captures = [_capture(draft, white, document) for draft, white in zip(drafts, white_levels, strict=True)]
     return Session(
         folder=folder,
         rig=document.rig,
@@ -48,12 +48,13 @@ def use_of(table: CaptureTable) -> str:
     return table.use or ("calibration" if table.kind == "strips" else "verification")
 
 
-def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
+def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Capture:
     table, first = draft.table, draft.frames[0]
+    room = document.temperature_degC, document.temperature_u_degC or _ROOM_U_DEGC
     return Capture(
         name=table.name,
         kind=table.kind,
-        target=draft.target,
+        target=None if draft.target is None else draft.target.warmed(*room),
         paths=draft.files,
         sha256=_hashes(draft, draft.files),
         phase_shifts_rad=_radians(draft.steps_deg or ()),
@@ -64,7 +65,7 @@ def _capture(draft: Draft, white_level: int, channel: str | None) -> Capture:
         periods=tuple(table.periods or ()),
         gray_paths=draft.gray_files,
         gray_sha256=_hashes(draft, draft.gray_files),
-        channel=table.channel or channel,
+        channel=table.channel or document.camera.channel,
         use=use_of(table),
     )
 

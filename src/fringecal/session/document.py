@@ -112,6 +112,7 @@ class SessionDocument(_Table):
     captured: AwareDatetime
     operator: Text | None = None
     temperature_degC: FiniteFloat | None = None
+    temperature_u_degC: Annotated[FiniteFloat, Field(ge=0)] | None = None
     minutes_since_power_on: Annotated[FiniteFloat, Field(ge=0)] | None = None
     camera: CameraTable = CameraTable()
     projector: ProjectorTable | None = None

@@ -17,6 +17,9 @@ from .geometry import (
     zigzag_profile_mm as zigzag_profile_mm,
 )
 from .kinds_of_target import (
+    REFERENCE_DEGC as REFERENCE_DEGC,
+)
+from .kinds_of_target import (
     Artefact as Artefact,
 )
 from .kinds_of_target import (

@@ -6,26 +6,85 @@ steps), `length_mm` along y, heights along z from the plate. What the numbers me
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationInfo, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    StringConstraints,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+)
 
 from fringecal.targets.aruco import check_dictionary
 from fringecal.targets.quantity import HOW_TO_STATE, Positive, Positives, Quantity, Scalar
 
 Text = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, strict=True)]
 Count = Annotated[int, Field(strict=True, ge=1)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+REFERENCE_DEGC = 20.0
+"""Temperature at which lengths are stated (ISO 1:2022)."""
 AtLeastTwo = Annotated[int, Field(strict=True, ge=2)]
 
 
 class Artefact(BaseModel):
-    """What every target states: a name and where its numbers come from."""
+    """What every target states: a name and where its numbers come from.
+
+    What several lengths have in common is stated beside them: `instrument_u_mm` is the standard uncertainty of the
+    calibration of the `instrument` that they were measured with, which no u of theirs then contains. Lengths hold at
+    20 degC; with `expansion_per_K` they are used as they are at `temperature_degC`, or at the session's.
+    `thermal_rel_u` is what temperature adds to all of them, relative.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     format: Literal[1] = 1
     name: Text
     certificate: Text
+    instrument: Text | None = None
+    instrument_u_mm: NotNegative = 0.0
+    expansion_per_K: Scalar | None = None  # noqa: N815 -- the unit is written so
+    temperature_degC: Scalar | None = None  # noqa: N815
+    thermal_rel_u: NotNegative = 0.0
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_stated(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # What an older file could not state is left out where it is not stated: equal targets stay equal.
+        return {key: value for key, value in write(self).items() if key not in _OPTIONAL or value not in (None, 0.0)}
+
+    def warmed(self, temperature_degC: float | None, u_degC: float) -> Self:  # noqa: N803 -- as above
+        """Return the target with its lengths as they are at its own temperature, or at one that is given.
+
+        Parameters
+        ----------
+        temperature_degC, u_degC
+            Temperature where the target states none; None leaves the lengths as they are.
+
+        Notes
+        -----
+        ``L = L20 (1 + alpha (t - 20))``, ``u^2(L) / L^2 = alpha^2 u^2(t) + (t - 20)^2 u^2(alpha)`` (ISO 1).
+        """
+        own = self.temperature_degC
+        degrees, u_degrees = (temperature_degC, u_degC) if own is None else (own.value, own.us[0])
+        if self.expansion_per_K is None or degrees is None:
+            return self
+        alpha, over = self.expansion_per_K, degrees - REFERENCE_DEGC
+        lengths = {name: getattr(self, name) for name in type(self).model_fields if name.endswith("_mm")}
+        changes: dict[str, Any] = {
+            name: length.scaled(1 + alpha.value * over)
+            for name, length in lengths.items()
+            if isinstance(length, Quantity)
+        }
+        added = math.hypot(self.thermal_rel_u, alpha.value * u_degrees, alpha.us[0] * over)
+        return self.model_copy(
+            update=changes | {"expansion_per_K": None, "temperature_degC": None, "thermal_rel_u": added}
+        )
+
+
+_OPTIONAL = frozenset(set(Artefact.model_fields) - {"format", "name", "certificate"})
 
 
 def _must_be_below(smaller: Quantity, larger: Quantity | None, what: str) -> None:
@@ -148,8 +207,17 @@ class Flat(Artefact):
         return flatness
 
 
+_OF_STRIPS = ("paint_mm", "seating_mm", "depth_mm", "parallelism_mm")
+
+
 class Strips(Artefact):
-    """Parallel strips of known height on the plate, from low x to high x."""
+    """Parallel strips of known height on the plate, from low x to high x.
+
+    Without `instrument_u_mm` the u of `height_mm` counts as common to the whole set; with it, as each strip's own. What
+    is added to a strip's height after it was measured: `paint_mm`, common to all, and `seating_mm`, the gap under each
+    strip, whose u is each strip's own. `depth_mm` is how far below its surface a translucent strip seems to be.
+    `parallelism_mm` is the largest difference of height between the ends of a strip.
+    """
 
     kind: Literal["strips"] = "strips"
     count: Count
@@ -157,12 +225,35 @@ class Strips(Artefact):
     gap_mm: Positives | None = Field(default=None, validate_default=True)
     height_mm: Positives
     length_mm: Positives
+    paint_mm: Scalar | None = None
+    seating_mm: Scalar | None = None
+    depth_mm: Scalar | None = None
+    parallelism_mm: Scalar | None = None
 
     @field_validator("width_mm", "height_mm", "length_mm")
     @classmethod
     def _per_strip(cls, quantity: Quantity, info: ValidationInfo) -> Quantity:
         _one_per(quantity, info.data.get("count"), "strips")
         return quantity
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_stated(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        optional = {*_OPTIONAL, *_OF_STRIPS}
+        return {key: value for key, value in write(self).items() if key not in optional or value not in (None, 0.0)}
+
+    @property
+    def added_mm(self) -> float:
+        """What a strip seems higher than its certificate says: paint and gap under it, less the depth of its light."""
+        paint, gap, depth = (
+            0.0 if one is None else one.value for one in (self.paint_mm, self.seating_mm, self.depth_mm)
+        )
+        return paint + gap - depth
+
+    @property
+    def added_u_mm(self) -> float:
+        """Standard uncertainty of `added_mm`."""
+        stated = (self.paint_mm, self.seating_mm, self.depth_mm)
+        return math.hypot(*(one.us[0] for one in stated if one is not None))
 
     @field_validator("gap_mm")
     @classmethod

@@ -3,10 +3,19 @@
 import math
 import numbers
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    model_serializer,
+    model_validator,
+)
 
 from fringecal.uncertainty import Estimate, Influence
 
@@ -73,6 +82,8 @@ class Quantity(BaseModel):
         One number, or one per item where the items differ.
     u
         Standard uncertainty: one number for all items, or one per item.
+    degrees_of_freedom
+        Of that u; None where it is taken as exactly known, as a certificate with k = 2 has it.
 
     Examples
     --------
@@ -87,6 +98,12 @@ class Quantity(BaseModel):
 
     value: Annotated[float | tuple[float, ...], BeforeValidator(_numbers)]
     u: Annotated[float | tuple[float, ...], BeforeValidator(_numbers)]
+    degrees_of_freedom: Annotated[float, Field(gt=0)] | None = None
+
+    @model_serializer(mode="wrap")
+    def _without_what_is_not_stated(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        # What an older file could not state is left out where it is not stated: equal targets stay equal.
+        return {key: value for key, value in write(self).items() if value is not None}
 
     @model_validator(mode="before")
     @classmethod
@@ -131,7 +148,22 @@ class Quantity(BaseModel):
         """
         k = item if len(self.values) > 1 else 0
         influence, label = (name, name.text) if isinstance(name, Influence) else (None, name)
-        return Estimate(self.values[k], self.us[k], unit, label, influence=influence)
+        return Estimate(self.values[k], self.us[k], unit, label, self.dof, influence=influence)
+
+    @property
+    def dof(self) -> float:
+        """Degrees of freedom of u; infinite where none are stated."""
+        return math.inf if self.degrees_of_freedom is None else self.degrees_of_freedom
+
+    def scaled(self, factor: float) -> Self:
+        """Return the same with values and u multiplied.
+
+        Examples
+        --------
+        >>> Scalar(value=10.0, u=0.1).scaled(2.0).u
+        0.2
+        """
+        return self.model_copy(update={"value": _scaled(self.value, factor), "u": _scaled(self.u, factor)})
 
 
 class Scalar(Quantity):

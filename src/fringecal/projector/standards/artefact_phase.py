@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 
 from fringecal.errors import FitError
 from fringecal.numerics import wrap
-from fringecal.projector.rig_calibration import Observations, RigCalibration
+from fringecal.projector.rig_calibration import OF_SINGLE_STRIPS, Observations, RigCalibration
 from fringecal.projector.sampling import pick_points
 from fringecal.projector.standards.placing import NEAR_RAD, ArtefactPlace, place_artefact
+from fringecal.projector.standards.strip_heights import height_parts, is_split, total_u
 from fringecal.projector.standards.strip_phase import StripPhase, averaged_numberings, numberings
 from fringecal.projector.standards.target_facets import Facet, facets_of
 from fringecal.targets import Target
-from fringecal.uncertainty import Estimate, Influence, UncertaintyComponent
+from fringecal.uncertainty import Estimate, Influence, Source, UncertaintyComponent
 
 Array = NDArray[np.float64]
 
@@ -116,21 +117,65 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
     used: list[Observations] = []
     left_out: list[str] = []
     for label in strips.regions.seen:
-        height = strips.heights_mm[items[0][label - 1]]
+        item = items[0][label - 1]
+        height = strips.heights_mm[item]
         z = np.where(strips.regions.labels == label, height.value, np.nan)
         try:
-            used.append(_observed(height, z, wrapped, np.isfinite(wrapped), calibration))
+            seen = _observed(height, z, wrapped, np.isfinite(wrapped), calibration)
+            used.append(_split(seen, strips, item, calibration))
         except FitError as error:
             left_out.append(f"strip {label} left out: {error}")
-    grouped = [_merged([o for o in used if o.height_mm[0] == h]) for h in dict.fromkeys(o.height_mm[0] for o in used)]
+    own = _own_influences(strips)
+    heights = dict.fromkeys(o.height_mm[0] for o in used)
+    grouped = [_merged([o for o in used if o.height_mm[0] == h], own) for h in heights]
     return ArtefactPhase(None, _joined(grouped), tuple(left_out))
 
 
-def _merged(parts: Sequence[Observations]) -> Observations:
+def _split(seen: Observations, strips: StripPhase, item: int, calibration: RigCalibration) -> Observations:
+    """Split the uncertainty of one strip's height into what it is made of, where more than one u is stated."""
+    if strips.target is None or not is_split(strips.target):
+        return seen
+    (u,), (v,), (height,) = seen.u_px, seen.v_px, seen.height_mm
+    rays = calibration.camera.rays(u, v)
+    own = height_parts(strips.target, strips.heights_mm, np.full(u.size, item, np.intp), rays.ax, rays.ay)
+    return replace(seen, height_mm=(replace(height, u=total_u(strips.target, height)),), parts=(own,))
+
+
+def _own_influences(strips: StripPhase) -> frozenset[Influence]:
+    """Return what each strip of a set has for itself: its height only where the set's instrument is stated apart."""
+    apart = strips.target is not None and strips.target.instrument_u_mm > 0
+    return OF_SINGLE_STRIPS if apart else OF_SINGLE_STRIPS - {Influence.STRIP_HEIGHT}
+
+
+def _merged(parts: Sequence[Observations], own: frozenset[Influence]) -> Observations:
     """Make one surface of several that share one height and its uncertainty."""
     columns = (np.concatenate([getattr(p, n)[0] for p in parts]) for n in ("u_px", "v_px", "phase_rad", "cluster"))
     u, v, phase, cluster = columns
-    return Observations((u,), (v,), (phase,), (cluster,), (parts[0].height_mm[0],))
+    split = (
+        ()
+        if not parts[0].parts
+        else (_spread([p.parts[0] or () for p in parts], [p.u_px[0].size for p in parts], own),)
+    )
+    return Observations((u,), (v,), (phase,), (cluster,), (parts[0].height_mm[0],), parts=split)
+
+
+def _spread(
+    rows: Sequence[Sequence[UncertaintyComponent]], sizes: Sequence[int], own: frozenset[Influence]
+) -> tuple[UncertaintyComponent, ...]:
+    """Put the components of single strips side by side: what a set has in common is one, a strip's own are its own."""
+    starts, whole = np.cumsum([0, *sizes]), int(sum(sizes))
+    common: dict[Source, Array] = {}
+    kept: list[tuple[UncertaintyComponent, Array]] = []
+    for row, start, size in zip(rows, starts[:-1], sizes, strict=True):
+        for one in row:
+            if one.influence not in own and one.source in common:
+                effect = common[one.source]
+            else:
+                effect = np.zeros(whole)
+                common.setdefault(one.source, effect)
+                kept.append((one, effect))
+            effect[start : start + size] = one.effect
+    return tuple(replace(one, effect=effect) for one, effect in kept)
 
 
 def _joined(parts: Sequence[Observations]) -> Observations | None:

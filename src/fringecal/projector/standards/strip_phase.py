@@ -11,8 +11,9 @@ from fringecal.detect import StripRegions, find_strips
 from fringecal.errors import DetectionError, FitError
 from fringecal.numerics import wrap
 from fringecal.phase import PhaseMap, unwrap
+from fringecal.projector.standards.strip_heights import seen_heights
 from fringecal.targets import Strips
-from fringecal.uncertainty import Estimate, Influence
+from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,8 @@ class StripPhase:
         Height of each strip of the target, one estimate per strip.
     plate_drift_rad
         Median phase difference on the bare plate between the two captures, already taken off `difference_rad`.
+    target
+        The set as it is stated.
     """
 
     regions: StripRegions
@@ -47,6 +50,7 @@ class StripPhase:
     pieces: NDArray[np.int32]
     heights_mm: tuple[Estimate, ...]
     plate_drift_rad: float
+    target: Strips | None = None
 
 
 def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera: PlateCamera) -> StripPhase:
@@ -80,7 +84,7 @@ def measure_strips(reference: PhaseMap, strips: PhaseMap, target: Strips, camera
 
 def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> StripPhase:
     """Find the strips in a map of the wrapped phase that they add to the plate's (see `measure_strips`)."""
-    heights = tuple(target.height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=i) for i in range(target.count))
+    heights = seen_heights(target)
     scale = camera.scale("mean").value
     regions = find_strips(
         step,
@@ -94,7 +98,7 @@ def strips_from_step(step: Array, valid: NDArray[np.bool_], target: Strips, came
     drift = _plate_drift(step, regions)
     found = unwrap(step - drift, regions.labels > 0)
     pieces = _large(found.pieces)
-    return StripPhase(regions, np.where(pieces > 0, found.phase, np.nan), pieces, heights, drift)
+    return StripPhase(regions, np.where(pieces > 0, found.phase, np.nan), pieces, heights, drift, target)
 
 
 def _demand_rest(step: Array, valid: NDArray[np.bool_], target: Strips, camera: PlateCamera) -> None:

@@ -206,7 +206,10 @@ def _(target: Strips, surface: Surface, tops: Tops = None) -> Probe:
             continue
         groups.append(_indices(found[0]))
         names.append(f"strip {index + 1}")
-        references[names[-1]] = target.height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=index)
+        stated = target.height_mm.estimate(Influence.STRIP_HEIGHT, "mm", item=index)
+        references[names[-1]] = replace(
+            stated, value=stated.value + target.added_mm, u=math.hypot(stated.u, target.added_u_mm)
+        )
     if not groups:
         raise FitError("no strip has enough lit pixels clear of its rims; light more of them")
     measured = {name: float(points[..., 2].ravel()[g].mean()) for name, g in zip(names, groups, strict=True)}

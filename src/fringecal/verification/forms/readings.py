@@ -39,6 +39,9 @@ class Reading:
         The components of `u_measured`; None for a form error.
     points
         Number of points.
+    shared
+        Covariance of measured and certified value, in the unit squared: what one instrument's calibration, by which
+        both the rig's artefacts and this one were measured, does to both.
     """
 
     name: str
@@ -49,6 +52,7 @@ class Reading:
     u_measured: float | None
     points: int
     budget: Budget | None = None
+    shared: float = 0.0
 
     @property
     def dof(self) -> float:
@@ -66,11 +70,21 @@ class Reading:
         if self.reference is None or self.u_measured is None or not max(self.u_measured, self.u_reference) > 0:
             return None
         measured = Estimate(self.measured, self.u_measured, self.unit, self.name, self.dof)
+        if self.shared:
+            u = math.sqrt(max(self.u_measured**2 + self.u_reference**2 - 2 * self.shared, 0.0))
+            # By Welch and Satterthwaite: all finite degrees of freedom are those of the measured value.
+            dof = self.dof * (u / self.u_measured) ** 4 if self.u_measured > 0 else math.inf
+            return en_score(Estimate(self.measured - self.reference, u, self.unit, self.name, dof)) if u > 0 else None
         return en_score(measured, Estimate(self.reference, self.u_reference, self.unit))
 
 
 def take_readings(
-    probe: Probe, surface: Surface, by_component: ByComponent, *, seed: int = _DRAW_SEED
+    probe: Probe,
+    surface: Surface,
+    by_component: ByComponent,
+    *,
+    instrument: tuple[str | None, float] = (None, 0.0),
+    seed: int = _DRAW_SEED,
 ) -> tuple[Reading, ...]:
     """Evaluate a probe on a surface.
 
@@ -83,6 +97,9 @@ def take_readings(
     by_component
         `by_component(u_px, v_px, z_mm)` yields every component of the calibration's uncertainty and the moved points
         (n, 3); see `fringecal.reconstruct.perturbed.points_by_component`.
+    instrument
+        What the artefact's lengths were measured with, and the standard uncertainty of its calibration, mm: all of them
+        have it in common, with the rig's artefacts as well where these were measured with the same instrument.
     seed
         Of the draw of points that each component moves.
     """
@@ -100,6 +117,9 @@ def take_readings(
         unit = probe.units.get(name, "mm")
         components = [replace(component, effect=change[name]) for component, change in changes]
         own = UncertaintyComponent(Influence.ARTEFACT_SCATTER, scatter[name], _BLOCKS - 1)
+        certified = unit == "mm" and reference is not None and name not in probe.forms
+        common = instrument[1] if certified else 0.0
+        both = (c for c in components if c.influence is Influence.INSTRUMENT and c.detail == instrument[0])
         budget = None if name in probe.forms else combined(value, [*components, own], unit=unit, label=name)
         readings.append(
             Reading(
@@ -107,10 +127,11 @@ def take_readings(
                 unit=unit,
                 measured=value,
                 reference=None if reference is None else reference.value,
-                u_reference=0.0 if reference is None else reference.u,
+                u_reference=0.0 if reference is None else math.hypot(reference.u, common),
                 u_measured=None if budget is None else budget.result.u,
                 points=points,
                 budget=budget,
+                shared=common * sum(float(c.effect) for c in both),
             )
         )
     return tuple(readings)

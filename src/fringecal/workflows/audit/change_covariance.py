@@ -26,6 +26,17 @@ _U_BLUR_PX = 0.01  # of a change: width and blur of a line are fitted together; 
 _U_LIGHT = 0.007  # relative, of one session's modulation or contrast: lamps and exposures repeat to a percent
 _U_LIGHT_LEAST = 0.002  # what no number of repeats within minutes says of the next month
 _ENOUGH_REPEATS = 4  # from so many on, their scatter has a standard deviation at all (JCGM 101:2008, 6.4.9.4)
+#: What else the heights of strips hang on.
+_OF_STRIPS = frozenset(
+    {
+        Influence.STRIP_PAINT,
+        Influence.STRIP_SEATING,
+        Influence.STRIP_PARALLELISM,
+        Influence.TRANSLUCENCY,
+        Influence.INSTRUMENT,
+        Influence.TEMPERATURE,
+    }
+)
 #: What is the same in both sessions, and so falls out of their comparison.
 _THE_SAME = frozenset(
     {
@@ -134,7 +145,9 @@ def _cancelled(
     influence: Influence, layout: Layout, strips: tuple[StripsFound, ...], *, alone: bool
 ) -> tuple[slice, ...]:
     """Return the parts of the vector in which a source cancels, where its effect does not show that by itself."""
-    if influence is Influence.STRIP_HEIGHT and not alone:  # of several heights: components do not say which is whose
+    if influence in _OF_STRIPS or (
+        influence is Influence.STRIP_HEIGHT and not alone
+    ):  # of several heights: components do not say which is whose
         return tuple(part for part, one in zip(layout.strip_parts, strips, strict=True) if one.same_strips)
     # The plate's residual compensates the scatter of the seven numbers where both were measured: on the plate.
     return (layout.parts["plate"],) if influence is Influence.PHASE_SCATTER else ()

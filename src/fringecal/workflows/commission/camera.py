@@ -26,9 +26,8 @@ def measure_camera(session: Session) -> CameraFindings:
         detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
     except DetectionError as error:
         raise DetectionError(f"capture {capture.name!r} ({capture.paths[0].name}): {error}") from error
-    return camera_from_grid(
-        detection, capture.target.pitch_mm.estimate(Influence.GRID_PITCH, "mm"), camera_knowledge(session)
-    )
+    pitch = capture.target.pitch_mm.estimate(Influence.GRID_PITCH, "mm")
+    return camera_from_grid(detection, pitch, camera_knowledge(session), thermal_rel_u=capture.target.thermal_rel_u)
 
 
 def camera_knowledge(session: Session) -> CameraKnowledge:

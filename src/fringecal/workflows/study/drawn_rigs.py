@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.simulate import PlateSpec, RigSpec, SimulatedSession, StepsSpec, simulate_session, stated_target
-from fringecal.targets import LineGrid, Strips, Target
+from fringecal.targets import REFERENCE_DEGC, LineGrid, Strips, Target
 
 PICTURE_PX = (320, 240)  # small, so that a rig takes seconds
 STEP_ERROR_DEG = 1.5  # standard deviation: a mirror turned by hand
@@ -42,6 +42,11 @@ class Population:
         What is stated with an error of that standard uncertainty.
     strip_height_mm
         Stated height of the strips.
+    instrument_u_mm, paint_u_mm, paint_dof, seating_u_mm, depth_mm, depth_u_mm
+        What else the heights of strips hang on: the micrometer's calibration, paint measured some times over, the gap
+        under each strip, the depth of light.
+    temperature_degC, temperature_u_degC, expansion_per_K
+        Of the artefacts while the session is taken: far from 20 degC, and of plastics as well as steel.
     flatness_mm
         Largest distance of the plate from its best plane, known from its certificate.
     place_mm, rotation_deg
@@ -78,6 +83,15 @@ class Population:
     grid_pitch_u_mm: Range = (0.002, 0.006)
     strip_height_u_mm: Range = (0.003, 0.01)
     strip_height_mm: Range = (2.5, 4.0)
+    instrument_u_mm: Range = (0.001, 0.004)
+    paint_u_mm: Range = (0.001, 0.005)
+    paint_dof: tuple[int, int] = (4, 15)
+    seating_u_mm: Range = (0.002, 0.01)
+    depth_mm: Range = (0.0, 0.05)
+    depth_u_mm: Range = (0.001, 0.006)
+    temperature_degC: Range = (15.0, 35.0)  # noqa: N815 -- the unit is written so
+    temperature_u_degC: float = 1.0  # noqa: N815
+    expansion_per_K: Range = (5e-6, 8e-5)  # noqa: N815
     flatness_mm: Range = (0.0, 0.2)
     place_mm: Range = (-3.0, 3.0)
     rotation_deg: Range = (-0.6, 0.6)
@@ -92,6 +106,7 @@ _CERTIFICATE = "virtual: the true size is off by a normal error of the stated u"
 _STEPS_DEG = ((0.0, 120.0, 240.0), (0.0, 90.0, 180.0, 270.0))
 
 _BOWS = 0.5  # share of the plates that bend about one direction, as what lies on two bearings does
+_ALPHA_REL_U = 0.1  # of a coefficient of expansion from a table
 _FORM_UNIT_MM, _FORM_NODES = 100.0, 41
 
 type Draw = np.random.Generator
@@ -274,14 +289,14 @@ def _projector(rng: Draw) -> dict[str, Any]:
 
 def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
     of = POPULATION
-    grid = {
+    grid: dict[str, Any] = {
         "kind": "line-grid",
         "name": "grid",
         "polarity": "dark",
         "pitch_mm": {"value": 10.0, "u": rng.uniform(*of.grid_pitch_u_mm)},
         "line_width_mm": {"value": 0.9, "u": 0.05},
     }
-    strips = {
+    strips: dict[str, Any] = {
         "kind": "strips",
         "name": "strips",
         "count": max(_LEAST_STRIPS, int(_LIT_SHARE * PICTURE_PX[0] * scale / (2 * _STRIP_MM))),
@@ -291,6 +306,8 @@ def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
         "length_mm": {"value": 400.0, "u": 0.5},
     }
     common = {"format": 1, "certificate": _CERTIFICATE}
+    room = {"value": rng.uniform(*of.temperature_degC), "u": of.temperature_u_degC}
+    grid, strips = (one | _thermal(rng, room) for one in (grid, strips | _further(rng)))
     return [
         {"name": "grid", "kind": "grid", "target": common | grid} | _place(rng),
         {"name": "reference", "kind": "reference"},
@@ -298,17 +315,72 @@ def _captures(rng: Draw, scale: float) -> list[dict[str, Any]]:
     ]
 
 
+def _thermal(rng: Draw, room: dict[str, float]) -> dict[str, Any]:
+    alpha = rng.uniform(*POPULATION.expansion_per_K)
+    return {"expansion_per_K": {"value": alpha, "u": _ALPHA_REL_U * alpha}, "temperature_degC": room}
+
+
+def _further(rng: Draw) -> dict[str, Any]:
+    """State what else the heights of strips hang on."""
+    of = POPULATION
+    return {
+        "instrument": "micrometer",
+        "instrument_u_mm": rng.uniform(*of.instrument_u_mm),
+        "paint_mm": {
+            "value": 0.0,
+            "u": rng.uniform(*of.paint_u_mm),
+            "degrees_of_freedom": float(rng.integers(*of.paint_dof)),
+        },
+        "seating_mm": {"value": 0.0, "u": rng.uniform(*of.seating_u_mm)},
+        "depth_mm": {"value": rng.uniform(*of.depth_mm), "u": rng.uniform(*of.depth_u_mm)},
+    }
+
+
 def _place(rng: Draw) -> dict[str, Any]:
     of = POPULATION
     return {"position_mm": rng.uniform(*of.place_mm, 2).tolist(), "rotation_deg": rng.uniform(*of.rotation_deg)}
 
 
-def _true_target(rng: Draw, stated: Target) -> Target:
-    """Return the artefact as it is: what the rig hangs on is off by a normal error of its stated u."""
-    name = "pitch_mm" if stated.kind == "line-grid" else "height_mm"
+def _true_target(rng: Draw, stated: LineGrid | Strips) -> Target:
+    """Return the artefact as it is: what the rig hangs on is off by normal errors of its stated u."""
+    if isinstance(stated, LineGrid):
+        pitch = stated.pitch_mm.value + stated.pitch_mm.us[0] * rng.standard_normal()
+        return _sized(stated, "pitch_mm", (pitch * (1 + _expanded(rng, stated)),))
+    return _sized(stated, "height_mm", _true_heights(rng, stated))
+
+
+def _true_heights(rng: Draw, stated: Strips) -> tuple[float, ...]:
+    """Draw the height at which each strip is seen: its own errors, and those that all of them have in common."""
+    number = stated.count
+    own = stated.height_mm.array(number) + stated.height_mm.u_array(number) * (
+        rng.standard_normal(number) if stated.instrument_u_mm else rng.standard_normal()
+    )
+    seating = 0.0 if stated.seating_mm is None else stated.seating_mm.us[0]
+    common = (one for one in (stated.paint_mm, stated.depth_mm) if one is not None)
+    added = sum(one.us[0] * _deviate(rng, one.dof) for one in common) + stated.added_mm
+    added += stated.instrument_u_mm * rng.standard_normal()
+    heights = own * (1 + _expanded(rng, stated)) + added + seating * rng.standard_normal(number)
+    return tuple(float(one) for one in heights)
+
+
+def _deviate(rng: Draw, dof: float) -> float:
+    """Draw an error over its stated u, which itself rests on so many degrees of freedom: Student's t."""
+    return float(rng.standard_t(dof) if math.isfinite(dof) else rng.standard_normal())
+
+
+def _expanded(rng: Draw, stated: LineGrid | Strips) -> float:
+    """Draw by how much an artefact is longer than at 20 degC, relative."""
+    alpha, degrees = stated.expansion_per_K, stated.temperature_degC
+    if alpha is None or degrees is None:
+        return 0.0
+    true_alpha, true_degrees = (one.value + one.us[0] * rng.standard_normal() for one in (alpha, degrees))
+    return float(true_alpha * (true_degrees - REFERENCE_DEGC))
+
+
+def _sized[T: (LineGrid, Strips)](stated: T, name: str, sizes: tuple[float, ...]) -> T:
     size = getattr(stated, name)
-    true = size.model_copy(update={"value": size.value + size.u * float(rng.standard_normal())})
-    return stated.model_copy(update={name: true})
+    value = sizes[0] if len(set(sizes)) == 1 else sizes
+    return stated.model_copy(update={name: size.model_copy(update={"value": value})})
 
 
 def _true_steps(rng: Draw, steps: StepsSpec) -> StepsSpec:

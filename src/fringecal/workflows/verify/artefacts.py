@@ -76,7 +76,12 @@ def verify_artefact(
         (surface,) = surfaces_of(shown, phase.map, calibration, heights)
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
         found = probe(target, surface, np.where(shown.core, shown.top, -1))
-        readings = take_readings(found, surface, lambda u, v, z: points_by_component(calibration, u, v, z))
+        readings = take_readings(
+            found,
+            surface,
+            lambda u, v, z: points_by_component(calibration, u, v, z),
+            instrument=(target.instrument, target.instrument_u_mm),
+        )
         return ArtefactVerification(
             capture, target, phase, surface, found, readings, _departures(found, surface, target)
         )
