@@ -1,13 +1,18 @@
 """A Gray code beside the fringes: found where its edges lie, right at every pixel, refused where it does not belong."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from fringecal.errors import PhaseError
-from fringecal.phase import Noise, demodulate
+from fringecal.phase import Noise, demodulate, summarise
 from fringecal.phase.orders.gray_orders import orders_by_gray
 from fringecal.phase.orders.multi_period import PlateOrders
+from fringecal.session import load_session
 
+REAL = Path(__file__).parents[1] / "data" / "kamino_gray_code"
 SHAPE = (120, 180)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
 ON_BOX = (np.abs(U - 80) < 30) & (np.abs(V - 60) < 25)
@@ -37,7 +42,53 @@ def test_every_pixel_has_its_order_wherever_the_code_goes_on(start, per_fringe, 
     np.testing.assert_allclose(off[np.isfinite(off)], np.round(np.nanmedian(off)), atol=0.05)
 
 
-def test_blurred_edges_of_the_code_do_no_harm(fringes, camera, rng):
+@pytest.mark.parametrize("complements", ["none", "after each", "after all"])
+@pytest.mark.parametrize("blur_px", [1.0, 2.5, 4.0])
+def test_edges_blurred_over_pixels_are_decided_by_the_phase(blur_px, complements, fringes, camera, rng):
+    """Fringes are 16 px wide; at 4 px half of the light of every edge lies more than 2.7 px beside it."""
+    map_, frames, truth = taken(fringes, camera, rng)
+    at_box = np.abs(np.abs(U - 80) - 30) * (np.abs(V - 60) < 29) + 99 * (np.abs(V - 60) >= 29)
+    beside_box = (at_box < 12) | ((np.abs(np.abs(V - 60) - 25) < 12) & (np.abs(U - 80) < 42))  # two codes mixed
+    blurred = np.stack([ndimage.gaussian_filter(frame, (0, blur_px)) for frame in frames])
+    dark = 240 - blurred
+    paired = np.stack([blurred, dark], axis=1).reshape(-1, *SHAPE)
+    sent = {"none": blurred, "after each": paired, "after all": np.concatenate([blurred, dark])}[complements]
+    orders = orders_by_gray(map_, sent)
+    off = ((orders.phase - truth) / (2 * np.pi))[~beside_box]
+    known = np.isfinite(off)
+    assert known.mean() > 0.95
+    whole = np.round(off[known] - np.median(off[known]))
+    assert np.mean(whole == 0) > 0.999
+
+
+def test_edges_of_a_projected_code_that_a_response_bends(fringes, camera, rng):
+    """A response of 2.2 darkens the fringes' mean to less than half of the code's white."""
+    truth = 2 * np.pi * (2.3 + 11 * U / SHAPE[1])
+    waves = [30 + 180 * (0.5 + 0.5 * np.cos(truth + step)) ** 2.2 for step in STEPS]
+    map_ = demodulate(camera(np.stack(waves), rng, sigma=1.0), STEPS, noise=Noise(1.0))
+    number = np.floor(truth / (2 * np.pi) + 0.5).astype(int)
+    bits = [30 + 180 * ((number ^ (number >> 1)) >> (4 - k) & 1) for k in range(5)]
+    codes = np.stack([ndimage.gaussian_filter(bit.astype(float), (0, 2.5)) for bit in bits])
+    orders = orders_by_gray(map_, camera(codes, rng, sigma=2.0))
+    off = (orders.phase - truth) / (2 * np.pi)
+    known = np.isfinite(off)
+    assert known.mean() > 0.95
+    assert np.mean(np.round(off[known] - np.median(off[known])) == 0) > 0.999
+
+
+def test_a_real_code_with_blurred_edges():
+    """Wall and box of kamino410: a plain decoder finds one number for each fringe."""
+    capture = load_session(REAL).find("object")[0]
+    map_ = summarise(capture.read(), np.array(capture.phase_shifts_rad), white_level=255).map
+    orders = orders_by_gray(map_, capture.read_gray())
+    assert orders.cycle == 32
+    assert orders.undecided < 0.02
+    # The wall is smooth: from pixel to pixel the absolute phase goes on by far less than half a fringe.
+    steps = np.diff(orders.phase, axis=1)
+    assert np.mean(np.abs(steps[np.isfinite(steps)]) > np.pi) < 0.002
+
+
+def test_displaced_edges_of_the_code_do_no_harm(fringes, camera, rng):
     map_, frames, truth = taken(fringes, camera, rng, blur=0.6)
     orders = orders_by_gray(map_, frames)
     assert orders.asked > 0.1

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -9,7 +10,7 @@ from fringecal.errors import PhaseError
 from fringecal.numerics import TURN, wrap
 from fringecal.phase.demodulation.demodulate import PhaseMap
 from fringecal.phase.orders import order_kernels
-from fringecal.phase.orders.gray import decode_gray
+from fringecal.phase.orders.gray_positions import gray_positions
 from fringecal.phase.orders.multi_period import FringeOrders
 
 
@@ -48,6 +49,7 @@ class GrayRules:
 
 
 GRAY_RULES = GrayRules()
+_AROUND_PX = 9  # square over which the phase rises one way: noise of neighbours averages to a ninth
 _NO_CHANGE_RAD = 1e-9  # of the phase, instead of a division by 0
 
 
@@ -74,24 +76,21 @@ def orders_by_gray(map_: PhaseMap, frames: ArrayLike, *, rules: GrayRules = GRAY
     PhaseError
         Frames of another size, or a code that does not go with the fringes.
     """
-    code, valid = decode_gray(frames, map_.background + map_.modulation, map_.background - map_.modulation)
+    code, position, valid, bits = gray_positions(frames, map_.background, map_.modulation)
     valid &= map_.valid
-    steps, edge_phase = _edges(code, valid, map_.phase, rules)
-    per_fringe = _numbers_per_fringe(code, valid, map_.phase, steps, rules)
-    rising = np.sign(per_fringe)
-    number = rising * code
+    edge_phase = _edges(code, valid, map_.phase, rules)
+    per_fringe = _numbers_per_fringe(code, valid, map_.phase, rules)
+    place = position if per_fringe > 0 else 1 - position
     if abs(per_fringe) == 1:
         # Counted from the phase at which the code goes on; its turn is cut where no sensible code has its edges.
-        start = _cut(_mean_angle(edge_phase, rules))
-        rough = TURN * (number + 0.5) + start
+        rough = TURN * place + _cut(_mean_angle(edge_phase, rules))
     else:
-        rough = TURN * (number + 0.5) / abs(per_fringe)
-        start = _cut(_mean_angle((map_.phase - rough)[valid], rules))
-        rough = rough + start
+        rough = TURN * place / abs(per_fringe)
+        rough = rough + _cut(_mean_angle((map_.phase - rough)[valid], rules))
     turns = (rough - map_.phase) / TURN
     beside = rules.beside_edge_rad / TURN * (abs(per_fringe) == 1)
     clear = valid & (np.abs(turns - np.rint(turns)) < 0.5 - beside)
-    cycle = max(2 ** len(np.asarray(frames)) // abs(per_fringe), 1)
+    cycle = max(2**bits // abs(per_fringe), 1)
     lower = np.where(valid, map_.phase + TURN * np.floor(turns), np.nan)
     return _orders(np.where(clear, map_.phase + TURN * np.rint(turns), np.nan), lower, map_, cycle, rules)
 
@@ -113,44 +112,43 @@ def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int, rules: G
     return FringeOrders(known, cycle, (), (), 0.0, asked, float((map_.valid & ~decided).sum() / count))
 
 
-def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayRules) -> tuple[NDArray, NDArray]:
-    """Return steps of one of the code between neighbours with the phase's change there, and the phase at them."""
-    changes, phases = [], []
+def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayRules) -> NDArray:
+    """Return the phase at steps of one of the code between neighbours."""
+    phases = []
     for axis in (0, 1):
         first, second = (np.take(code, range(k, code.shape[axis] - 1 + k), axis) for k in (0, 1))
         here, there = (np.take(phase, range(k, code.shape[axis] - 1 + k), axis) for k in (0, 1))
         both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
         at = both & (np.abs(second - first) == 1)
-        change = wrap(there[at] - here[at])
-        changes.append((second - first)[at] * change)
-        phases.append(here[at] + change / 2)
-    found = np.concatenate(changes)
+        phases.append(here[at] + wrap(there[at] - here[at]) / 2)
+    found = np.concatenate(phases)
     if found.size < rules.least_edges:
         raise PhaseError(
             f"the Gray code increases by one at {found.size} pixels only: check that its frames show the same scene, "
             "the coarsest bit first"
         )
-    return found, np.concatenate(phases)
+    return found
 
 
-def _numbers_per_fringe(
-    code: NDArray, valid: NDArray[np.bool_], phase: NDArray, steps: NDArray, rules: GrayRules
-) -> int:
+def _numbers_per_fringe(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayRules) -> int:
     """Return the code's numbers for each fringe, negative if it falls where the phase rises."""
     total = code_steps = 0.0
     for axis in (0, 1):
         both = np.take(valid, range(code.shape[axis] - 1), axis) & np.take(valid, range(1, code.shape[axis]), axis)
         change, step = wrap(np.diff(phase, axis=axis)), np.diff(code, axis=axis)
         small = both & (np.abs(step) <= 1)  # over an edge of the surface nothing is to be learned
-        total += float(np.abs(change[small]).sum())
-        code_steps += float(np.abs(step[small]).sum())
-    ratio = TURN * code_steps / max(total, _NO_CHANGE_RAD)
+        # Along the way in which the phase rises around: what noise adds at an edge one way it takes off the other.
+        change = np.where(small, change, 0.0)
+        way = np.sign(cv2.blur(change, (_AROUND_PX, _AROUND_PX)))
+        total += float((change * way)[small].sum())
+        code_steps += float((step * way)[small].sum())
+    ratio, sign = TURN * abs(code_steps) / max(total, _NO_CHANGE_RAD), 1 if code_steps >= 0 else -1
     nearest = max(1, round(ratio))
     if not rules.numbers_from < ratio / nearest < rules.numbers_to:
         raise PhaseError(
             f"the Gray code has {ratio:.2f} numbers for each fringe; needed: one, or a whole number of them"
         )
-    return nearest if np.sum(steps > 0) >= np.sum(steps < 0) else -nearest
+    return sign * nearest
 
 
 def _mean_angle(phase: NDArray, rules: GrayRules) -> float:
