@@ -73,6 +73,9 @@ from .angle.projection_angle import (
 from .angle.projection_angle import (
     projection_angle as projection_angle,
 )
+from .forecast import (
+    forecast_height as forecast_height,
+)
 from .height_models import (
     HEIGHT_MODELS as HEIGHT_MODELS,
 )
@@ -132,6 +135,9 @@ from .plate_form import (
 )
 from .plate_form import (
     unknown_form as unknown_form,
+)
+from .rig_calibration import (
+    NOT_STATED as NOT_STATED,
 )
 from .rig_calibration import (
     Observations as Observations,

@@ -19,6 +19,7 @@ from fringecal.report import (
     gain_lines,
 )
 from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.shared import assumption_sentences
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,8 @@ def advice_section(found: Commissioning) -> Section:
     """Say how uncertain heights will be over the field, from which sources, and the gain by one more artefact."""
     advice, result = found.advice, found.calibrated.result
     tables = (_forecast_table(advice), _gain_table(advice), *_further_tables(result))
-    return Section("What to measure next", (*advice.sentences, *result.contradictions), tables, _figures(advice))
+    sentences = (*advice.sentences, *assumption_sentences(result.rig), *result.contradictions)
+    return Section("What to measure next", sentences, tables, _figures(advice))
 
 
 def _forecast_table(advice: Advice) -> Table:

@@ -8,7 +8,7 @@ from fringecal.session import Session
 from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
 from fringecal.workflows.commission.calibrated_session import CalibratedSession, calibrate_session
 from fringecal.workflows.commission.plate_repeats import PlateRepeats, plate_repeats
-from fringecal.workflows.shared import CaptureDiagnosis, diagnose_capture
+from fringecal.workflows.shared import CaptureDiagnosis, assumption_sentences, diagnose_capture
 from fringecal.workflows.verify import Verified, verify_session
 
 Progress = Callable[[str], None]
@@ -51,6 +51,7 @@ class Commissioning:
             *result.contradictions,
             *projector,
             result.origin.sentence,
+            *assumption_sentences(result.rig),
             *self.verified.sentences,
         )
 

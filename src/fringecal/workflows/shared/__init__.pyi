@@ -4,6 +4,9 @@ from .appearance import (
 from .appearance import (
     appearance_of as appearance_of,
 )
+from .assumptions import (
+    assumption_sentences as assumption_sentences,
+)
 from .capture_diagnosis import (
     CaptureDiagnosis as CaptureDiagnosis,
 )
