@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fringecal.calibration import CameraFindings
 from fringecal.camera import PlateCamera
 from fringecal.camera.plate.plate_fit import fit_plate_camera
 from fringecal.projector import FORM_TERMS, Observations, PlateForm, calibrate_rig, form_height, form_of_flatness
@@ -156,3 +157,17 @@ def test_a_projector_that_a_bow_displaces_is_not_the_only_cause_named(camera_fit
     assert size_mm == pytest.approx(1.5 * BOW_MM, rel=0.1)  # the sheet, which is flat here, would have been bent too
     assert "lower than its ends" in bowed
     assert bowed in named.sentence()
+
+
+def test_what_a_form_does_to_the_camera_counts_once(camera_fit):
+    """The scale has its row as well; a rig fitted with that camera has the components it had without."""
+    axes = form_of_flatness(0.1, BOX)
+    findings = CameraFindings(None, None, camera_fit, None, None)
+    on_plate = findings.on_plate(axes)
+    rows = [c for c in on_plate.fit.components if c.influence is Influence.PLATE_FLATNESS]
+    assert len(rows) == len(axes.axes_mm)
+    before, after = (one.fit.camera.covariance for one in (findings, on_plate))
+    np.testing.assert_allclose(after - before, sum(np.outer(c.effect, c.effect) for c in rows), atol=1e-12)
+    observations = replace(observed(), form=axes)
+    once, twice = (calibrate_rig(observations, one.fit)[0].covariance for one in (findings, on_plate))
+    np.testing.assert_allclose(twice, once, rtol=1e-6, atol=1e-9 * np.abs(once).max())

@@ -18,6 +18,7 @@ from fringecal.camera import (
 )
 from fringecal.detect import GridDetection
 from fringecal.errors import FitError
+from fringecal.projector import PlateForm
 from fringecal.uncertainty import Budget, Estimate, Influence, UncertaintyComponent
 
 #: Height of a camera over the diagonal of its field, where nobody states it: lenses see 71 deg (0.7) to 14 deg (4).
@@ -64,6 +65,17 @@ class CameraFindings:
         if self.assumed_height is not None:
             return "not stated: a usual lens is assumed"
         return "as stated; a grid alone does not show it" if self.lens is None else "by lens and grid"
+
+    def on_plate(self, form: PlateForm | None) -> "CameraFindings":
+        """Return the same with what the form of the plate, on which the sheet lay, does to the camera."""
+        if form is None or not form.axes_mm:
+            return self
+        numbers = range(len(form.axes_mm))
+        effects = self.fit.changed_by_heights(lambda x, y: np.stack([form.change(k, x, y) for k in numbers]))
+        covariance = self.fit.camera.covariance + effects.T @ effects
+        added = (UncertaintyComponent(Influence.PLATE_FLATNESS, effect, form.dof) for effect in effects)
+        camera = self.fit.camera.replaced(self.fit.camera.parameters, covariance)
+        return replace(self, fit=replace(self.fit, camera=camera, components=(*self.fit.components, *added)))
 
     @property
     def scales(self) -> dict[str, Estimate]:

@@ -122,7 +122,7 @@ def calibrate_surfaces(
     rig = replace(rig, wave=wave, orders=plate.orders, look=PlateLook.of(plate.phase))
     progress("projection angle")
     return Calibrated(
-        camera=camera,
+        camera=camera.on_plate(observations.form),
         plate=plate,
         strips=strips,
         orders=orders,

@@ -363,7 +363,8 @@ def _camera_components(fit: CameraFit) -> Sequence[UncertaintyComponent]:
     effects = (component.effect for component in fit.components)
     left = fit.camera.covariance - sum((np.outer(e, e) for e in effects), np.zeros_like(fit.camera.covariance))
     scatter = (UncertaintyComponent(Influence.GRID_CROSSINGS, axis, fit.dof) for axis in _axes(left))
-    return [*fit.components, *scatter]
+    # What the plate's form does to the camera is done to the rig with it, and counts there.
+    return [*(c for c in fit.components if c.influence is not Influence.PLATE_FLATNESS), *scatter]
 
 
 def _axes(covariance: Array) -> list[Array]:
