@@ -38,6 +38,7 @@ def reconstruct(
     before: str = typer.Option("none", "--before", help="Filter of the frames: none, median, mean or median+mean."),
     after: str = typer.Option("none", "--after", help="Filter of the heights: none, median, mean or median+mean."),
     minus_plate: bool = typer.Option(False, "--minus-plate", help="Subtract the heights of the bare plate's capture."),
+    tie: bool = typer.Option(False, "--tie-to-plate", help="Take the plane of the plate in view off the heights."),
     faces: int | None = typer.Option(None, "--faces", min=4, help="Thin the meshes to about so many faces."),
     watertight: bool = typer.Option(False, "--watertight", help="Close the meshes down to a base 1 mm below."),
     limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
@@ -62,7 +63,8 @@ def reconstruct(
     heights = {"--lowest-mm": lowest, "--highest-mm": highest}
     filters = {name: chosen for name, chosen in (("--before", before), ("--after", after)) if chosen != "none"}
     stated = given({"--capture": capture, "--model": model, **heights, **filters, "--limits": limits})
-    plate = ("--minus-plate",) if minus_plate else ()
+    flags = {"--minus-plate": minus_plate, "--tie-to-plate": tie}
+    plate = [name for name, chosen in flags.items() if chosen]
     command = command_line("reconstruct", [session, "--calibration", calibration, "--out", out, *stated, *plate])
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
@@ -76,6 +78,7 @@ def reconstruct(
             model=model,
             height_range_mm=_range(lowest, highest),
             treatment=Treatment(before, after, minus_plate),
+            tie_to_plate=tie,
             progress=show,
         )
         _demand_rows(profile, found.surface.z.shape[0])
@@ -97,6 +100,8 @@ def reconstruct(
         "height": str(out / "height.npz"),
         "report": str(out / "report.html"),
     }
+    if found.tied is not None:
+        summary |= {"tied_mm": found.tied.offset_mm, "u_tied_mm": found.tied.u_mm, "tied_slopes": found.tied.slopes}
     checks = measurement_checks(found, allowed)
     causes = causes_in_words(found, allowed)
     if as_json:

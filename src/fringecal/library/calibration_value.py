@@ -181,6 +181,7 @@ class Calibration:
         phase_shifts_deg: Sequence[float] = (),
         periods: Sequence[float] = (),
         height_range_mm: tuple[float, float] | None = None,
+        tie_to_plate: bool = False,
         model: str = "projective",
         white_level: int | None = None,
     ) -> "Surface":
@@ -193,6 +194,7 @@ class Calibration:
             phase_shifts_deg=phase_shifts_deg,
             periods=periods,
             height_range_mm=height_range_mm,
+            tie_to_plate=tie_to_plate,
             model=model,
             white_level=white_level,
         )

@@ -25,6 +25,7 @@ def measure(
     phase_shifts_deg: Sequence[float] = (),
     periods: Sequence[float] = (),
     height_range_mm: tuple[float, float] | None = None,
+    tie_to_plate: bool = False,
     model: str = "projective",
     white_level: int | None = None,
 ) -> Surface:
@@ -41,6 +42,8 @@ def measure(
         in the calibration.
     height_range_mm
         Heights that the object can have, where known: pixels beyond are masked.
+    tie_to_plate
+        Take the plane of the plate that is seen beside the object off the heights, with its uncertainty.
     model
         Height model; "projective" is the rig model.
     white_level
@@ -72,7 +75,14 @@ def measure(
     """
     capture = _capture(calibration, "object", "object", frames, None, phase_shifts_deg, periods, white_level)
     session = session_of_captures([capture], rig=calibration.record.session.rig)
-    found = reconstruct(session, capture.name, calibration.rig, model=model, height_range_mm=height_range_mm)
+    found = reconstruct(
+        session,
+        capture.name,
+        calibration.rig,
+        model=model,
+        height_range_mm=height_range_mm,
+        tie_to_plate=tie_to_plate,
+    )
     notes = (found.phase.sentence(), *causes_in_words(found), *found.diagnosed.sentences())
     return Surface(found.surface, notes, measurement_checks(found))
 

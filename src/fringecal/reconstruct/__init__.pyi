@@ -4,11 +4,23 @@ from .against_plate.capture_held import (
 from .against_plate.capture_held import (
     capture_held as capture_held,
 )
+from .against_plate.frame_faults import (
+    FrameFault as FrameFault,
+)
+from .against_plate.frame_faults import (
+    FrameFinding as FrameFinding,
+)
+from .against_plate.picture_pose import (
+    PictureHeld as PictureHeld,
+)
 from .against_plate.picture_pose import (
     Pose as Pose,
 )
 from .against_plate.picture_pose import (
     PoseKind as PoseKind,
+)
+from .against_plate.texture_shift import (
+    CLEAR as CLEAR,
 )
 from .against_plate.texture_shift import (
     REACH_PX as REACH_PX,
@@ -48,4 +60,7 @@ from .sections import (
 )
 from .sections import (
     row_section as row_section,
+)
+from .tie_to_plate import (
+    tied_to_plate as tied_to_plate,
 )

@@ -13,6 +13,7 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 4  # of the plane's fit, each without what lies off the one before
 _KEPT_SIGMAS = 4.0  # robust standard deviations off the plane up to which a pixel is plate
+_PARTS = 8  # of the picture along each axis, whose scatter says how well slopes are known
 _LEAST_PIXELS = 500  # fewer are a scrap beside an object
 _LEAST_SHARE = 0.02  # of the picture
 
@@ -33,6 +34,11 @@ class VisiblePlate:
         Root mean square of the pixels' departure from the plane over their random standard uncertainty.
     pixels
         How many there are.
+    middle_mm
+        Middle of its pixels, x and y.
+    slopes, u_slopes
+        Rise along x and along y and their standard uncertainties, mm per mm: from the scatter of parts of the plate, so
+        that what neighbours share counts.
     """
 
     offset_mm: float
@@ -40,6 +46,19 @@ class VisiblePlate:
     rise_mm: float
     scatter_ratio: float
     pixels: int
+    middle_mm: tuple[float, float] = (0.0, 0.0)
+    slopes: tuple[float, float] = (0.0, 0.0)
+    u_slopes: tuple[float, float] = (0.0, 0.0)
+
+    def plane_at(self, x_mm: Array, y_mm: Array) -> Array:
+        """Return the plane's height at some places, mm."""
+        x0, y0 = self.middle_mm
+        return np.asarray(self.offset_mm + self.slopes[0] * (x_mm - x0) + self.slopes[1] * (y_mm - y0))
+
+    def u_slopes_at(self, x_mm: Array, y_mm: Array) -> tuple[Array, Array]:
+        """Return what one standard uncertainty of either slope adds to the plane at some places, mm."""
+        x0, y0 = self.middle_mm
+        return self.u_slopes[0] * (x_mm - x0), self.u_slopes[1] * (y_mm - y0)
 
 
 def visible_plate(surface: HeightMap, near_mm: float) -> VisiblePlate | None:
@@ -74,7 +93,23 @@ def visible_plate(surface: HeightMap, near_mm: float) -> VisiblePlate | None:
         max(float(heights.max() - heights.min()) - 4 * u_z, 0.0),
         float(np.sqrt(np.mean((left / noise)[kept] ** 2))),
         int(np.count_nonzero(kept)),
+        (float(x.mean()), float(y.mean())),
+        (float(plane[1]), float(plane[2])),
+        _u_slopes(design[kept], left[kept], (v[kept], u[kept]), surface.z.shape),
     )
+
+
+def _u_slopes(
+    design: Array, left: Array, place: tuple[NDArray[np.intp], NDArray[np.intp]], shape: tuple[int, ...]
+) -> tuple[float, float]:
+    """Return standard uncertainties of both slopes, by noise, or by the scatter of parts of the picture if larger."""
+    inverse = np.linalg.inv(design.T @ design)
+    number = place[0] * _PARTS // shape[0] * _PARTS + place[1] * _PARTS // shape[1]
+    pulls = np.stack([np.bincount(number, left * column, _PARTS**2) for column in design.T])
+    by_parts = np.diag(inverse @ (pulls @ pulls.T) @ inverse)
+    by_noise = np.diag(inverse) * float(np.mean(left**2))
+    _, along_x, along_y = np.sqrt(np.maximum(by_parts, by_noise))
+    return float(along_x), float(along_y)
 
 
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

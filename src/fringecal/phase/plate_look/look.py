@@ -10,11 +10,11 @@ from fringecal.phase.plate_look.texture import LEAST_SHARE, texture_of
 
 Array = NDArray[np.float64]
 
-TILE_PX = 48
+TILE_PX = 40
 """Side of a piece of texture: some fringes, so that what fringes leave in the background can be told from texture."""
 
-_TILES = (7, 5)  # across and down: 80 000 pixels, beside most objects
-_CELLS = (32, 24)  # of the maps of light: light and contrast change over tens of pixels and more
+_TILES = (7, 5)  # across and down: 56 000 pixels, beside most objects
+_CELLS = (16, 12)  # of the maps of light: light and contrast change over tens of pixels and more
 
 
 @dataclass(frozen=True)
@@ -26,12 +26,12 @@ class PlateLook:
     shape
         Height and width of the picture, px.
     background, modulation
-        Medians over cells of the picture, grey levels, (24, 32); NaN where nothing was seen.
+        Medians over cells of the picture, grey levels, (12, 16); NaN where nothing was seen.
     corners_px
         Column and row of the first pixel of every piece of texture, (T, 2).
     texture
         Background of these pieces less what varies smoothly and what the fringes leave in it, grey levels,
-        (T, 48, 48); NaN where nothing was seen.
+        (T, 40, 40); NaN where nothing was seen.
     noise_levels
         Standard deviation of the noise in `texture`, grey levels.
     """

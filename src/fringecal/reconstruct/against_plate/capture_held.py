@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from fringecal.numerics import robust_sd, wrap
 from fringecal.phase import TILE_PX, PhaseMap, PlateLook, cells_of
 from fringecal.projector import RigCalibration
+from fringecal.reconstruct.against_plate.frame_faults import FrameFinding, frame_faults
 from fringecal.reconstruct.against_plate.picture_pose import PictureHeld, picture_held
 from fringecal.reconstruct.against_plate.plate_sample import PlateSample, plate_sample
 from fringecal.reconstruct.against_plate.texture_shift import EXPECTED, TextureShift, texture_shift
@@ -53,6 +54,8 @@ class CaptureHeld:
         Brightness and contrast; None where too little plate is seen, or the calibration did not keep it.
     turned
         How the picture must be turned back to show the plate, a key of `TURNS`; empty if it need not.
+    frames
+        Frames that disagree with the others; empty where none does, or where no frames were given.
     """
 
     sample: PlateSample
@@ -60,6 +63,7 @@ class CaptureHeld:
     texture: TextureShift | None
     light: LightHeld | None
     turned: str
+    frames: tuple[FrameFinding, ...] = ()
 
     @property
     def texture_expected(self) -> bool:
@@ -67,7 +71,13 @@ class CaptureHeld:
         return self.texture is not None and self.texture.expected >= EXPECTED
 
 
-def capture_held(phase_map: PhaseMap, calibration: RigCalibration) -> CaptureHeld:
+def capture_held(
+    phase_map: PhaseMap,
+    calibration: RigCalibration,
+    *,
+    frames: NDArray[np.generic] | None = None,
+    weights: Array | None = None,
+) -> CaptureHeld:
     """Hold a capture against the plate of its calibration, by its phase, its texture and its light.
 
     Parameters
@@ -76,6 +86,8 @@ def capture_held(phase_map: PhaseMap, calibration: RigCalibration) -> CaptureHel
         The capture.
     calibration
         The rig. Texture and light are compared where it knows how the plate looked.
+    frames, weights
+        Its frames, grey levels, (N, H, W), and the weights of its scheme, (3, N); without them no frame is judged.
     """
     sample, look = plate_sample(phase_map, calibration), calibration.look
     known = look is not None and look.shape == phase_map.phase.shape
@@ -85,6 +97,7 @@ def capture_held(phase_map: PhaseMap, calibration: RigCalibration) -> CaptureHel
         texture_shift(phase_map, look, _shown(look, sample)) if known and look is not None else None,
         _light(phase_map, look, sample) if known and look is not None and sample.seen else None,
         _turned(phase_map, sample),
+        () if frames is None or weights is None else frame_faults(frames, phase_map, weights, sample),
     )
 
 

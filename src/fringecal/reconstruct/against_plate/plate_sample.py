@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 NEAR_RAD = 0.9
 """Phase off the plate's within which plate is looked for: a seventh of a fringe, so that a plate 1 mm off is seen."""
 
-_SAMPLES = 80_000  # pixels: of a picture of 12 megapixels every twelfth row and column
+_SAMPLES = 40_000  # pixels: of a picture of 12 megapixels every seventeenth row and column
 _NODES = (41, 31)  # across and down, at which the plate's phase is computed; splines of degree 5 do the rest
 _DEGREE = 5
 _RAISE_MM = 0.5  # for the phase's change with height, by differences

@@ -10,11 +10,11 @@ from fringecal.phase import TILE_PX, PhaseMap, PlateLook, texture_of
 
 Array = NDArray[np.float64]
 
-REACH_PX = 16
+REACH_PX = 12
 """Largest displacement that is looked for, px: a knock moves a picture by less, and what moved further is named so."""
 
 CLEAR = 6.5
-"""Standard deviations of chance from which texture is found again: of 1089 displacements one reaches it by chance once
+"""Standard deviations of chance from which texture is found again: of 625 displacements one reaches it by chance once
 in a million pictures."""
 
 EXPECTED = 10.0
@@ -36,6 +36,8 @@ class TextureShift:
         Correlation at the best displacement in standard deviations of chance.
     at_rest
         The same at no displacement.
+    shown_clearness
+        Correlation at the best displacement of the pieces that should show plate alone.
     expected
         What it would be if this plate were seen unmoved where the capture looks like plate.
     sharpness
@@ -50,6 +52,7 @@ class TextureShift:
     u_px: float
     clearness: float
     at_rest: float
+    shown_clearness: float
     expected: float
     sharpness: float
     by_piece: Array
@@ -85,17 +88,19 @@ def texture_shift(phase_map: PhaseMap, look: PlateLook, plate: NDArray[np.bool_]
     cross, power = (np.array([piece[k] for piece in pieces]) for k in (0, 1))
     total, weight = cross.sum(axis=0), power.sum(axis=0)
     z = total / np.sqrt(np.maximum(weight, 1e-30))
-    top = np.unravel_index(int(np.argmax(z)), z.shape)
-    du, dv, u = _summit(z, int(top[0]), int(top[1]))
+    row, column = (int(k) for k in np.unravel_index(int(np.argmax(z)), z.shape))
+    du, dv, u = _summit(z, row, column)
     middle = REACH_PX
     brightness = _brightness(phase_map, look)
     held = float(power[shows, middle, middle].sum())
     noise = look.noise_levels**2 * sum(piece[2] for piece, one in zip(pieces, shows, strict=True) if one)
     expected = brightness * max(held - _SURELY_NOISE * noise, 0.0) / max(held, 1e-30) ** 0.5
-    at = (shows if shows.any() else np.ones_like(shows), *top)
-    amplitude = float(cross[at].sum() / max(power[at].sum(), 1e-30)) / brightness
+    of = shows if shows.any() else np.ones_like(shows)
+    found, known = (float(maps[of, row, column].sum()) for maps in (cross, power))
+    amplitude = found / max(known, 1e-30) / brightness
+    shown = found / max(known, 1e-30) ** 0.5 if shows.any() else 0.0
     return TextureShift(
-        du, dv, u, float(z[top]), float(z[middle, middle]), expected, amplitude * _attenuation(look),
+        du, dv, u, float(z[row, column]), float(z[middle, middle]), shown, expected, amplitude * _attenuation(look),
         _by_piece(cross, power, look),
     )  # fmt: skip
 

@@ -2,9 +2,7 @@
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from fringecal.reconstruct import visible_plate
+from fringecal.reconstruct import VisiblePlate, visible_plate
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
 from fringecal.workflows.reconstruct.capture_causes import (
@@ -12,15 +10,19 @@ from fringecal.workflows.reconstruct.capture_causes import (
     causes_of,
     contrast_lost,
     displacement,
+    frames_disagree,
     is_displaced,
+    plate_off,
     sharpness_lost,
     texture_lost,
 )
-from fringecal.workflows.reconstruct.run import Measurement
+from fringecal.workflows.reconstruct.run import Measurement, near_plate_mm
 from fringecal.workflows.shared import judged
 
-_NEAR_RAD = 0.9  # phase within which plate is looked for: a seventh of a fringe, so that a plate 1 mm off is seen
-_TEST_RAD = 1e-3
+_ANYTHING = (
+    "the plate in view does not lie as it was calibrated: plate, camera or projector moved or bent, or frames are in "
+    "another order"
+)
 
 
 def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
@@ -34,14 +36,36 @@ def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
 
 def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
     """Name in one sentence each why a capture does not fit its calibration; empty where it does."""
-    return causes_of(found.held, limits)
+    if not any(check.decision == "fail" for check in measurement_checks(found, limits)):
+        return ()
+    fatal = (f"{one.kind.text}: {one.what}" for one in found.diagnosed.findings if one.kind.fatal)
+    return (*fatal, *causes_of(found.held, limits, tied=found.tied is not None)) or (_ANYTHING,)
+
+
+def tie_offered(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> str:
+    """Offer to take the plate in view off the heights where it lies elsewhere than in the calibration; empty else."""
+    off = [check for check in _plate_checks(found, limits)[:2] if check.decision == "fail"]
+    plate = (
+        None if found.tied is not None or not off else visible_plate(found.surface, near_plate_mm(found.calibration))
+    )
+    if plate is None or is_displaced(found.held, limits):
+        return ""
+    return (
+        f"The plate in view reads {plate.offset_mm:+.3f} mm and rises by {plate.rise_mm:.3f} mm: if the plate moved,"
+        " --tie-to-plate takes that off the heights."
+    )
 
 
 def _plate_checks(found: Measurement, limits: Limits) -> tuple[Check, ...]:
     """Judge height, rise and scatter of the plate beside the object."""
     if found.treatment.minus_plate:
         return ()
-    plate = visible_plate(found.surface, _near_mm(found))
+    if found.tied is not None:
+        return _tied_checks(found.tied, limits)
+    plate = visible_plate(found.surface, near_plate_mm(found.calibration))
+    if plate is None and plate_off(found.held):
+        rule = "the plate's texture is in view, but no plate at the height of the calibration's"
+        return (Check(name="plate beside the object: height", decision="fail", rule=rule),)
     if plate is None:
         rule = "too little of the plate is seen beside the object to tell whether it lies where it was calibrated"
         return (Check(name="plate beside the object", decision="info", rule=rule),)
@@ -59,12 +83,19 @@ def _plate_checks(found: Measurement, limits: Limits) -> tuple[Check, ...]:
     )
 
 
-def _near_mm(found: Measurement) -> float:
-    """Height of the phase within which plate is looked for, in the middle of the picture."""
-    rig = found.calibration
-    rays = rig.camera.rays(*(np.array([c]) for c in rig.camera.centre_px))
-    phase = rig.model.phase(rays.ax, rays.ay, 0.0)
-    return _NEAR_RAD / _TEST_RAD * abs(float(rig.model.height(phase + _TEST_RAD, rays)[0]))
+def _tied_checks(plate: VisiblePlate, limits: Limits) -> tuple[Check, ...]:
+    """Say what was taken off the heights, and judge what no plane takes off."""
+    taken = Check(
+        name="plate beside the object: height",
+        value=plate.offset_mm,
+        u=plate.u_mm,
+        unit="mm",
+        decision="info",
+        rule=f"taken off by --tie-to-plate, with a rise of {plate.rise_mm:.3f} mm; heights are over the plate in view",
+    )
+    return taken, _below(
+        "plate beside the object: scatter", plate.scatter_ratio, limits.reconstruct.plate_scatter_ratio, ""
+    )
 
 
 def _below(name: str, value: float, limit: float, unit: str) -> Check:
@@ -79,6 +110,7 @@ def _below(name: str, value: float, limit: float, unit: str) -> Check:
 def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
     """Judge where the picture lies, and how sharp it is."""
     held = found.held
+    yield _frames_check(found)
     yield _displacement_check(found, limits)
     if held.light is not None:
         yield Check(
@@ -100,6 +132,14 @@ def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
             decision="fail" if sharpness_lost(held, limits) else "pass",
             rule="by how much the amplitude of the plate's texture fell since the calibration",
         )
+
+
+def _frames_check(found: Measurement) -> Check:
+    """Judge whether the frames belong together."""
+    fatal = [finding.kind.text for finding in found.diagnosed.findings if finding.kind.fatal]
+    number = len(frames_disagree(found.held)) + len(fatal)
+    rule = "how many faults of single frames were found: by the plate, whose phase is known, and by rows"
+    return Check(name="frames: findings", value=number, decision="fail" if number else "pass", rule=rule)
 
 
 def _displacement_check(found: Measurement, limits: Limits) -> Check:

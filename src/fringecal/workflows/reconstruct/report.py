@@ -23,7 +23,7 @@ from fringecal.report import (
     uncertainty_map,
 )
 from fringecal.uncertainty import Influence, Source
-from fringecal.workflows.reconstruct.checks import measurement_causes, measurement_checks
+from fringecal.workflows.reconstruct.checks import measurement_causes, measurement_checks, tie_offered
 from fringecal.workflows.reconstruct.relief_section import relief_section
 from fringecal.workflows.reconstruct.run import Measurement
 from fringecal.workflows.shared import (
@@ -59,7 +59,7 @@ def measurement_report(
     values = readable_surface(found.surface)
     return Report(
         title=f"Surface of {found.capture.name}",
-        subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence))),
+        subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence, _tie(found)))),
         verdict=Verdict(severest(checks), _sentence(found)),
         facts=_facts(found),
         sections=(
@@ -78,9 +78,19 @@ def measurement_report(
     )
 
 
+def _tie(found: Measurement) -> str:
+    """State what was taken off the heights, if so."""
+    if found.tied is None:
+        return ""
+    offset, u = found.tied.offset_mm, found.tied.u_mm
+    return f"tied to the plate in view: {offset:+.4f} mm (u {u:.4f} mm) and its slopes taken off"
+
+
 def causes_in_words(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
     """Return the causes for which a capture does not fit its calibration, one sentence each."""
-    return tuple(f"Probable cause: {cause}." for cause in measurement_causes(found, limits))
+    offered = tie_offered(found, limits)
+    causes = tuple(f"Probable cause: {cause}." for cause in measurement_causes(found, limits))
+    return (*causes, offered) if offered else causes
 
 
 def _sentence(found: Measurement) -> str:

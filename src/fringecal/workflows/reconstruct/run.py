@@ -7,7 +7,16 @@ import numpy as np
 
 from fringecal.errors import FitError, SessionError
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import CaptureHeld, HeightMap, Reason, capture_held, reconstruct_height
+from fringecal.reconstruct import (
+    CaptureHeld,
+    HeightMap,
+    Reason,
+    VisiblePlate,
+    capture_held,
+    reconstruct_height,
+    tied_to_plate,
+    visible_plate,
+)
 from fringecal.session import Capture, Session
 from fringecal.workflows.reconstruct.capture_causes import causes_of
 from fringecal.workflows.shared import (
@@ -19,15 +28,22 @@ from fringecal.workflows.shared import (
     diagnose_capture,
     filtered_heights,
     filtered_phase,
+    frames_of,
     minus_plate,
     phase_of_capture,
     plate_beside,
 )
 
+_NEAR_RAD = 0.9  # phase within which plate is looked for: a seventh of a fringe, so that a plate 1 mm off is seen
+_TEST_RAD = 1e-3
+
 
 @dataclass(frozen=True)
 class Measurement:
-    """An object's surface, the phase it was computed from, the calibration that was applied, and how both agree."""
+    """An object's surface, the phase it was computed from, the calibration that was applied, and how both agree.
+
+    `tied` is the plate in view whose plane was taken off the heights; None where they are as measured.
+    """
 
     capture: Capture
     phase: CapturePhase
@@ -37,6 +53,7 @@ class Measurement:
     model: str
     held: CaptureHeld
     treatment: Treatment = UNTREATED
+    tied: VisiblePlate | None = None
 
     def shares(self) -> dict[str, float]:
         """Return the share of valid pixels and of every reason for which others were masked."""
@@ -53,6 +70,7 @@ def reconstruct(
     model: str = "projective",
     height_range_mm: tuple[float, float] | None = None,
     treatment: Treatment = UNTREATED,
+    tie_to_plate: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Measurement:
     """Reconstruct the surface of an object capture.
@@ -69,6 +87,8 @@ def reconstruct(
         Heights the object can have, where known: pixels beyond are masked.
     treatment
         Filters before and after, and whether the plate's own measured heights are subtracted.
+    tie_to_plate
+        Take the plane of the plate that is seen beside the object off the heights, with its uncertainty.
 
     Raises
     ------
@@ -88,12 +108,15 @@ def reconstruct(
         progress("heights of the plate")
         surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
     surface = filtered_heights(surface, treatment.after)
-    held = capture_held(phase.map, calibration)
+    tied = _plate_of(capture.name, surface, calibration) if tie_to_plate else None
+    surface = surface if tied is None else tied_to_plate(surface, tied, calibration)
+    weights = phase.adapted.scheme.weights
+    held = capture_held(phase.map, calibration, frames=frames_of(capture), weights=weights)
     if not surface.mask.any():
-        named = " ".join(f"It looks as if {cause}." for cause in causes_of(held))
+        named = " ".join(f"It looks as if {cause}." for cause in causes_of(held, refused=True))
         raise FitError(" ".join(filter(None, (_nothing_measured(capture.name, height_range_mm), named))))
     diagnosed = diagnose_capture(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment)
+    return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment, tied)
 
 
 def _plate_surface(
@@ -116,6 +139,30 @@ def _plate_surface(
         )
     phase = phase_of_capture(plate, wave=calibration.wave)
     return reconstruct_height(filtered_phase(phase, before), calibration, model=model)
+
+
+def near_plate_mm(calibration: RigCalibration) -> float:
+    """Return the height within which plate is looked for: a seventh of a fringe in the middle of the picture."""
+    rays = calibration.camera.rays(*(np.array([c]) for c in calibration.camera.centre_px))
+    phase = calibration.model.phase(rays.ax, rays.ay, 0.0)
+    return _NEAR_RAD / _TEST_RAD * abs(float(calibration.model.height(phase + _TEST_RAD, rays)[0]))
+
+
+def _plate_of(name: str, surface: HeightMap, calibration: RigCalibration) -> VisiblePlate:
+    """Return the plate beside the object.
+
+    Raises
+    ------
+    FitError
+        Too little of it is seen.
+    """
+    plate = visible_plate(surface, near_plate_mm(calibration))
+    if plate is None:
+        raise FitError(
+            f"capture {name!r}: too little of the plate is seen beside the object to tie heights to it; leave more of "
+            "it visible, or measure without --tie-to-plate"
+        )
+    return plate
 
 
 def _nothing_measured(name: str, height_range_mm: tuple[float, float] | None) -> str:

@@ -26,6 +26,9 @@ from .capture_phase import (
     CapturePhase as CapturePhase,
 )
 from .capture_phase import (
+    frames_of as frames_of,
+)
+from .capture_phase import (
     phase_of_capture as phase_of_capture,
 )
 from .capture_phase import (
