@@ -69,6 +69,15 @@ def test_a_raised_plate_is_offered_and_tied_only_when_asked(rig):
     assert "tied to the plate in view" in measurement_report(tied).subtitle
 
 
+def test_a_plate_too_high_to_be_taken_for_the_plate_is_named_and_measured_when_tied(rig):
+    raised = frames(2, raised_mm=0.5)
+    with pytest.raises(FitError, match=r"the plate is raised by \+0\.5"):
+        measured(rig, raised)
+    tied = measured(rig, raised, tie_to_plate=True)
+    assert tied.tied.offset_mm == pytest.approx(0.5, abs=0.01)
+    assert float(tied.surface.z[137:144, 217:224].mean()) == pytest.approx(HILL_MM, abs=0.05)
+
+
 def test_a_refused_capture_names_a_turned_picture(rig):
     with pytest.raises(FitError, match="turned by 180 deg"):
         measured(rig, frames(2)[:, ::-1, ::-1])

@@ -62,5 +62,8 @@ from .sections import (
     row_section as row_section,
 )
 from .tie_to_plate import (
+    surface_over_plate as surface_over_plate,
+)
+from .tie_to_plate import (
     tied_to_plate as tied_to_plate,
 )

@@ -14,6 +14,7 @@ from fringecal.reconstruct import (
     VisiblePlate,
     capture_held,
     reconstruct_height,
+    surface_over_plate,
     tied_to_plate,
     visible_plate,
 )
@@ -103,18 +104,21 @@ def reconstruct(
     phase = phase_of_capture(capture, wave=calibration.wave)
     progress(f"heights of {capture.name}")
     seen = filtered_phase(phase, treatment.before)
-    surface = reconstruct_height(seen, calibration, model=model, height_range_mm=height_range_mm)
+    weights = phase.adapted.scheme.weights
+    held = capture_held(phase.map, calibration, frames=frames_of(capture), weights=weights)
+    if tie_to_plate:
+        surface = surface_over_plate(seen, calibration, held.sample, model=model, height_range_mm=height_range_mm)
+    else:
+        surface = reconstruct_height(seen, calibration, model=model, height_range_mm=height_range_mm)
     if treatment.minus_plate:
         progress("heights of the plate")
         surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
     surface = filtered_heights(surface, treatment.after)
-    tied = _plate_of(capture.name, surface, calibration) if tie_to_plate else None
-    surface = surface if tied is None else tied_to_plate(surface, tied, calibration)
-    weights = phase.adapted.scheme.weights
-    held = capture_held(phase.map, calibration, frames=frames_of(capture), weights=weights)
     if not surface.mask.any():
         named = " ".join(f"It looks as if {cause}." for cause in causes_of(held, refused=True))
         raise FitError(" ".join(filter(None, (_nothing_measured(capture.name, height_range_mm), named))))
+    tied = _plate_of(capture.name, surface, calibration) if tie_to_plate else None
+    surface = surface if tied is None else tied_to_plate(surface, tied, calibration)
     diagnosed = diagnose_capture(phase, calibration, plate=plate_beside(session, capture))
     return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment, tied)
 
