@@ -340,6 +340,7 @@ def drawn(number: int, seed: int) -> Shot:
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number, 1)))
     plates = [render(case.spec, Scene(), seed=int(rng.integers(2**31))).frames for _ in range(2)]
     look = PlateLook.of(demodulate(plates[0], case.phase_shifts_rad))
+    look = replace(look, phase_shifts_rad=tuple(map(float, case.phase_shifts_rad)))
     return Shot(case.frames.frames, replace(case, calibration=replace(case.calibration, look=look)), plates[1], rng)
 
 

@@ -113,6 +113,7 @@ def test_a_record_keeps_how_the_plate_looked():
     assert np.nanmax(np.abs(again.texture - look.texture)) <= written.texture.step / 2 * 1.001
     assert np.array_equal(np.isnan(again.texture), np.isnan(look.texture))
     assert np.array_equal(again.corners_px, look.corners_px)
+    assert again.phase_shifts_rad == look.phase_shifts_rad
     assert np.nanmax(np.abs(again.background / look.background - 1)) < 0.001
     assert len(written.model_dump_json()) < 150_000
     assert CalibrationRecord.model_fields["look"].default is None

@@ -1,6 +1,7 @@
 """`reconstruct` on captures with faults put in: checks, causes, and heights tied to a plate that was raised."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -76,6 +77,16 @@ def test_a_plate_too_high_to_be_taken_for_the_plate_is_named_and_measured_when_t
     tied = measured(rig, raised, tie_to_plate=True)
     assert tied.tied.offset_mm == pytest.approx(0.5, abs=0.01)
     assert float(tied.surface.z[137:144, 217:224].mean()) == pytest.approx(HILL_MM, abs=0.05)
+
+
+def test_a_frame_moved_across_the_fringes_is_told_by_its_phase_shift(rig):
+    calibration = replace(rig, look=replace(rig.look, phase_shifts_rad=tuple(SHIFTS)))
+    pictures = frames(2)
+    pictures[1] = np.roll(pictures[1], 2, axis=0)
+    assert causes_in_words(measured(calibration, frames(2))) == ()
+    words = " ".join(causes_in_words(measured(calibration, pictures)))
+    assert "frame 2" in words
+    assert "px across the fringes" in words
 
 
 def test_a_refused_capture_names_a_turned_picture(rig):

@@ -63,10 +63,10 @@ def surface_over_plate(
     model: str = "projective",
     height_range_mm: tuple[float, float] | None = None,
 ) -> HeightMap:
-    """Measure an object on a plate that lies elsewhere than at its calibration: orders are decided over the plate in view.
+    """Measure an object on a plate that lies elsewhere than at its calibration, orders decided over the plate in view.
 
-    Heights are those over the calibration's plate, as of `reconstruct_height`; only what says which fringe is which starts
-    from the plate where it is seen, up to a seventh of a fringe off. Further periods decide orders by themselves.
+    Heights are those over the calibration's plate, as of `reconstruct_height`; only what says which fringe is which
+    starts from the plate where it is seen, up to a seventh of a fringe off. Further periods decide orders by themselves.
 
     Parameters
     ----------

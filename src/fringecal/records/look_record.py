@@ -34,6 +34,7 @@ class LookRecord(Part):
     background: PackedArray
     modulation: PackedArray
     texture: PackedArray
+    phase_shifts_rad: tuple[float, ...] = Field(default=(), description="as found in the plate's frames, or as stated")
 
 
 def packed(values: NDArray[np.floating], step: float) -> PackedArray:

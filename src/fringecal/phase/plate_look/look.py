@@ -34,6 +34,8 @@ class PlateLook:
         (T, 40, 40); NaN where nothing was seen.
     noise_levels
         Standard deviation of the noise in `texture`, grey levels.
+    phase_shifts_rad
+        Phase shifts that the frames had, rad, (N,); empty where not kept.
     """
 
     shape: tuple[int, int]
@@ -42,6 +44,7 @@ class PlateLook:
     corners_px: NDArray[np.intp]
     texture: NDArray[np.float32]
     noise_levels: float
+    phase_shifts_rad: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, seen: PhaseMap) -> "PlateLook":

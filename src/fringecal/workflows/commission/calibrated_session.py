@@ -1,7 +1,7 @@
 """From the captures of a session to a calibrated rig: phase maps are made here, all stages are `calibration`'s."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fringecal.calibration import (
     Calibrated,
@@ -78,7 +78,16 @@ def calibrate_session(
         reference=_flat(reference.capture),
         progress=progress,
     )
-    return CalibratedSession(session, reference, strips_capture, result)
+    return CalibratedSession(session, reference, strips_capture, _with_shifts(result, reference))
+
+
+def _with_shifts(result: Calibrated, reference: CapturePhase) -> Calibrated:
+    """Keep the phase shifts of the plate's frames with how it looked, for later captures."""
+    look = result.rig.look
+    if look is None:
+        return result
+    kept = replace(look, phase_shifts_rad=tuple(map(float, reference.phase_shifts_rad)))
+    return replace(result, rig=replace(result.rig, look=kept))
 
 
 def _demand(session: Session, *kinds: str) -> None:

@@ -2,6 +2,9 @@
 
 from collections.abc import Iterator
 
+import numpy as np
+
+from fringecal.numerics import wrap
 from fringecal.reconstruct import VisiblePlate, visible_plate
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
@@ -39,7 +42,8 @@ def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
     if not any(check.decision == "fail" for check in measurement_checks(found, limits)):
         return ()
     fatal = (f"{one.kind.text}: {one.what}" for one in found.diagnosed.findings if one.kind.fatal)
-    return (*fatal, *causes_of(found.held, limits, tied=found.tied is not None)) or (_ANYTHING,)
+    shifted = _shifted_frame(found, limits)
+    return (*fatal, *shifted, *causes_of(found.held, limits, tied=found.tied is not None)) or (_ANYTHING,)
 
 
 def tie_offered(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> str:
@@ -110,7 +114,7 @@ def _below(name: str, value: float, limit: float, unit: str) -> Check:
 def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
     """Judge where the picture lies, and how sharp it is."""
     held = found.held
-    yield _frames_check(found)
+    yield _frames_check(found, limits)
     yield _displacement_check(found, limits)
     if held.light is not None:
         yield Check(
@@ -134,10 +138,33 @@ def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
         )
 
 
-def _frames_check(found: Measurement) -> Check:
+def _shifted_frame(found: Measurement, limits: Limits) -> tuple[str, ...]:
+    """Say which frame's phase shift is not that of the calibration, if any by more than moves a picture visibly.
+
+    On a plate a frame that moved across the fringes looks like one with another phase shift, which the phase used is
+    corrected for; edges and slopes of the object are not.
+    """
+    look, used = found.calibration.look, np.asarray(found.phase.phase_shifts_rad)
+    if look is None or len(look.phase_shifts_rad) != len(used):
+        return ()
+    change = wrap(used - np.asarray(look.phase_shifts_rad))
+    change = np.asarray(wrap(change - np.median(change)))
+    frame, sample = int(np.argmax(np.abs(change))), found.held.sample
+    pixels = abs(float(change[frame])) / float(np.median(np.hypot(sample.along_u, sample.along_v)))
+    estimate = found.phase.estimated
+    doubt = 0.0 if estimate is None else float(np.max(estimate.u_rad)) * SIGNIFICANT
+    if pixels <= limits.reconstruct.picture_shift_px or abs(change[frame]) <= doubt:
+        return ()
+    return (
+        f"the phase shift of frame {frame + 1} differs by {np.degrees(change[frame]):+.1f} deg from the calibration's:"
+        f" the frame moved by about {pixels:.1f} px across the fringes, or the projector's shift changed",
+    )
+
+
+def _frames_check(found: Measurement, limits: Limits) -> Check:
     """Judge whether the frames belong together."""
     fatal = [finding.kind.text for finding in found.diagnosed.findings if finding.kind.fatal]
-    number = len(frames_disagree(found.held)) + len(fatal)
+    number = len(frames_disagree(found.held)) + len(fatal) + len(_shifted_frame(found, limits))
     rule = "how many faults of single frames were found: by the plate, whose phase is known, and by rows"
     return Check(name="frames: findings", value=number, decision="fail" if number else "pass", rule=rule)
 

@@ -86,6 +86,7 @@ def look_record(look: PlateLook | None) -> LookRecord | None:
         shape=look.shape,
         corners_px=tuple((int(u), int(v)) for u, v in look.corners_px),
         noise_levels=look.noise_levels,
+        phase_shifts_rad=look.phase_shifts_rad,
         texture=packed(look.texture, step),
         **{name: packed(part, unit) for name, (part, unit) in lights.items()},
     )
@@ -110,6 +111,7 @@ def look_of(written: LookRecord | None) -> PlateLook | None:
         np.array(written.corners_px, np.intp).reshape(-1, 2),
         unpacked(written.texture).astype(np.float32),
         written.noise_levels,
+        written.phase_shifts_rad,
     )
 
 
