@@ -209,7 +209,7 @@ def _slope_ahead(a, b_of, forward, label, cores, step, columns, width, length, b
 
 
 def passages(step, cores, light, lines: EpipolarLines, edge_rad=_EDGE_RAD):  # type: ignore[no-untyped-def]
-    """Return all passages between smooth regions along epipolar lines, (n, `N_FIELDS`); columns `FIRST` to `DARK_LEVEL`.
+    """Return all passages between smooth regions along epipolar lines, (n, `N_FIELDS`), by columns `FIRST` and so on.
 
     Parameters
     ----------
