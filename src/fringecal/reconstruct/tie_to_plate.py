@@ -66,7 +66,8 @@ def surface_over_plate(
     """Measure an object on a plate that lies elsewhere than at its calibration, orders decided over the plate in view.
 
     Heights are those over the calibration's plate, as of `reconstruct_height`; only what says which fringe is which
-    starts from the plate where it is seen, up to a seventh of a fringe off. Further periods decide orders by themselves.
+    starts from the plate where it is seen, up to a seventh of a fringe off. Further periods decide orders by
+    themselves.
 
     Parameters
     ----------

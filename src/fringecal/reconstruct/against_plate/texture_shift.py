@@ -40,9 +40,9 @@ class TextureShift:
         Correlation at the best displacement of the pieces that should show plate alone.
     expected
         What it would be if this plate were seen unmoved where the capture looks like plate.
-    sharpness
-        Amplitude of the texture over that of the calibration, the lamp's brightness taken out; 1 if neither blur nor
-        another plate.
+    sharpness, u_sharpness
+        Amplitude of the texture over that of the calibration, the lamp's brightness taken out, and its standard
+        uncertainty; 1 if neither blur nor another plate.
     by_piece
         Places (u, v) and displacements (du, dv) of single pieces that are clear by themselves, px, (n, 4).
     """
@@ -55,6 +55,7 @@ class TextureShift:
     shown_clearness: float
     expected: float
     sharpness: float
+    u_sharpness: float
     by_piece: Array
 
     @property
@@ -99,10 +100,9 @@ def texture_shift(phase_map: PhaseMap, look: PlateLook, plate: NDArray[np.bool_]
     found, known = (float(maps[of, row, column].sum()) for maps in (cross, power))
     amplitude = found / max(known, 1e-30) / brightness
     shown = found / max(known, 1e-30) ** 0.5 if shows.any() else 0.0
-    return TextureShift(
-        du, dv, u, float(z[row, column]), float(z[middle, middle]), shown, expected, amplitude * _attenuation(look),
-        _by_piece(cross, power, look),
-    )  # fmt: skip
+    sharpness = _sharpness(amplitude, shown, look)
+    at_rest, pieces_found = float(z[middle, middle]), _by_piece(cross, power, look)
+    return TextureShift(du, dv, u, float(z[row, column]), at_rest, shown, expected, *sharpness, pieces_found)
 
 
 def _correlated(phase_map: PhaseMap, look: PlateLook, number: int) -> tuple[Array, Array, float]:
@@ -156,10 +156,12 @@ def _brightness(phase_map: PhaseMap, look: PlateLook) -> float:
     return float(np.median(phase_map.background[few][valid]) / np.nanmedian(look.background)) if valid.any() else 1.0
 
 
-def _attenuation(look: PlateLook) -> float:
-    """Return by how much noise in the texture kept makes what is found of it smaller."""
+def _sharpness(amplitude: float, shown: float, look: PlateLook) -> tuple[float, float]:
+    """Return the texture's amplitude without what noise in the texture kept takes of it, and its uncertainty."""
     whole = float(np.nanmean(look.texture**2))
-    return whole / max(whole - look.noise_levels**2, 0.01 * whole)
+    texture = max(whole - look.noise_levels**2, 0.01 * whole)
+    doubt = np.hypot(1 / max(shown, 1.0), (_SURELY_NOISE - 1) * look.noise_levels**2 / texture)
+    return amplitude * whole / texture, float(doubt)
 
 
 def _by_piece(cross: Array, power: Array, look: PlateLook) -> Array:

@@ -230,5 +230,4 @@ def sharpness_lost(held: CaptureHeld, limits: Limits) -> bool:
     texture = held.texture
     if texture is None or not held.texture_expected or not texture.found:
         return False
-    limit = max(limits.reconstruct.sharpness_percent / 100, SIGNIFICANT / texture.clearness)
-    return 1 - texture.sharpness > limit
+    return 1 - texture.sharpness > limits.reconstruct.sharpness_percent / 100 + SIGNIFICANT * texture.u_sharpness

@@ -130,7 +130,7 @@ def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
         yield Check(
             name="plate beside the object: sharpness",
             value=100 * (1 - held.texture.sharpness),
-            u=100 / held.texture.clearness,
+            u=100 * held.texture.u_sharpness,
             limit=limits.reconstruct.sharpness_percent,
             unit="%",
             decision="fail" if sharpness_lost(held, limits) else "pass",
