@@ -178,6 +178,7 @@ def _document(image: Path, found: GridPicture) -> dict[str, Any]:
             "max_px": {"value": test.max_px.value, "u": test.max_px.u},
             "detection_limit_px": test.detection_limit_px,
             "p_value": test.p_value,
+            "sheet_irregular_px": test.irregular_px,
             "centre_px": list(test.lens.centre_px),
             "u_centre_px": None if test.centre is None else [one.u for one in test.centre],
             "coefficients": {name: {"value": e.value, "u": e.u} for name, e in test.coefficients.items()},

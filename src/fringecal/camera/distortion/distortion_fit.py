@@ -82,6 +82,10 @@ class GridFit:
         moved[name].value += step
         return _lens(moved, crossings, inverse=self.lens.inverse)
 
+    def view_of(self, crossings: Crossings) -> tuple[Array, Array]:
+        """Where this fit's camera without its lens shows crossings (n, 2), px, and their depths (n,), 1 mid-sheet."""
+        return _ideal(self.result.params, crossings)
+
     @property
     def covariance(self) -> Array | None:
         """Covariance of the free parameters, with what neighbouring crossings share; None if undetermined."""
@@ -256,7 +260,7 @@ def _weighted_slopes(parameters: Any, crossings: Crossings, inverse: bool) -> Ar
     lens = _lens(parameters, crossings, inverse=inverse)
     ideal, depth = _ideal(parameters, crossings)
     by_point, by_term = lens.slopes(crossings.points if inverse else ideal)
-    by_pose = _pose_slopes(crossings, (ideal - crossings.middle) / crossings.half_diagonal, depth)
+    by_pose = pose_slopes(crossings, (ideal - crossings.middle) / crossings.half_diagonal, depth)
     by_centre = np.eye(2) - by_point
     by_lens = np.concatenate([by_term[..., :MAX_TERMS], by_centre, by_term[..., MAX_TERMS:]], axis=2)
     if inverse:
@@ -270,7 +274,7 @@ def _weighted_slopes(parameters: Any, crossings: Crossings, inverse: bool) -> Ar
     return np.vstack([crossings.whitened(columns).reshape(-1, columns.shape[2]), stated])
 
 
-def _pose_slopes(crossings: Crossings, ideal: Array, depth: Array) -> Array:
+def pose_slopes(crossings: Crossings, ideal: Array, depth: Array) -> Array:
     """Derivatives (n, 2, 8) of ideal places, in half diagonals, by the homography."""
     site = np.column_stack([crossings.index, np.ones(len(depth))]) / depth[:, None]
     none = np.zeros_like(site)

@@ -22,6 +22,7 @@ from fringecal.camera.distortion.distortion_fit import (
     without_outliers,
 )
 from fringecal.camera.distortion.straightness import line_points, straightness
+from fringecal.camera.distortion.uneven_ruling import SheetTest, examine_ruling
 from fringecal.camera.lens.radial_lens import RadialLens
 from fringecal.detect import GridDetection
 from fringecal.errors import FitError
@@ -76,6 +77,9 @@ class DistortionTest:
         Pitches of the grid that one px spans at the image centre, mean of both directions.
     misfit
         Rms of the residuals with the lens over the crossings' own uncertainty; every u is enlarged by it.
+    irregular_px
+        Rms displacement of the lines from an even ruling, px, where the sheet is told to be uneven; else 0. The verdict
+        and the detection limit then rest on the bending of the lines alone (`examine_ruling`).
     """
 
     verdict: Verdict
@@ -93,6 +97,7 @@ class DistortionTest:
     straightness_after: pd.DataFrame
     pitches_per_px: Estimate
     misfit: float
+    irregular_px: float = 0.0
 
     def scale_at_centre(self, pitch_mm: Estimate) -> Estimate:
         """Scale on the sheet at the image centre, mm/px, with tilt and lens taken into account."""
@@ -234,26 +239,57 @@ def _report(detection: GridDetection, crossings: Crossings, answer: _Answer) -> 
     verdict: Verdict = "none"
     if p_value < SIGNIFICANCE:
         verdict = "barrel" if tested.value < 0 else "pincushion"
+    limit = float(stats.norm.ppf(1 - SIGNIFICANCE / 2) + stats.norm.ppf(POWER)) * tested.u
     distorted = line_points(detection)
     ends = np.cumsum([len(points) for points in distorted])
     straightened = np.split(answer.lens.lens.undistort(np.concatenate(distorted)), ends[:-1]) if distorted else []
+    before, after = straightness(detection), straightness(detection, moved=straightened)
+    lens, coefficients = answer.lens.lens, _coefficients(crossings, answer.lens)
+    sheet = examine_ruling(crossings, answer.plain, len([name for name in answer.distorted.free if name[0] == "k"]))
+    uneven = sheet.p_irregular < CHANCE and not lens.inverse
+    if uneven:
+        limit *= sheet.u_bent_px / tested.u
+        bent = RadialLens(crossings.middle, crossings.half_diagonal, _three(sheet.terms), (0.0, 0.0), inverse=False)
+        by_bending = straightness(detection, moved=[bent.undistort(points) for points in distorted])
+        if _rms_px(by_bending) < _rms_px(after):  # the other lens takes the sheet's error for its own
+            lens, after, coefficients = bent, by_bending, {one.label: one for one in sheet.terms}
+            largest = replace(largest, value=sheet.bent_px, u=sheet.u_bent_px)
+        verdict = _of_bent_lines(sheet, straighter=_rms_px(after) < _rms_px(before))
     return DistortionTest(
         verdict,
         replace(largest, value=abs(largest.value)),
         radius,
-        float(stats.norm.ppf(1 - SIGNIFICANCE / 2) + stats.norm.ppf(POWER)) * tested.u,
+        limit,
         statistic,
         p_value,
-        answer.lens.lens,
-        _coefficients(crossings, answer.lens),
+        lens,
+        coefficients,
         crossings.points,
         answer.plain.residual_px,
         answer.lens.residual_px,
-        straightness(detection),
-        straightness(detection, moved=straightened),
+        before,
+        after,
         Estimate(*pitches_per_px(crossings, answer.lens), "1/px", "pitches per px", answer.lens.result.nfree),
         math.sqrt(answer.lens.result.redchi),
+        sheet.irregular_px if uneven else 0.0,
     )
+
+
+def _of_bent_lines(sheet: SheetTest, *, straighter: bool) -> Verdict:
+    """Return the verdict of an unevenly ruled sheet: a lens bends lines, and they are straighter without it."""
+    if sheet.p_lens >= SIGNIFICANCE or not (sheet.repeats and straighter):
+        return "none"
+    return "barrel" if sheet.bent_px < 0 else "pincushion"
+
+
+def _three(terms: tuple[Estimate, ...]) -> tuple[float, ...]:
+    """Return radial terms as a lens takes them."""
+    return tuple([*(one.value for one in terms), 0.0, 0.0, 0.0][:MAX_TERMS])
+
+
+def _rms_px(table: pd.DataFrame) -> float:
+    """Root mean square distance from straight over the points of all lines, px."""
+    return float(np.sqrt((table["points"] * table["rms_px"] ** 2).sum() / max(table["points"].sum(), 1)))
 
 
 def _outermost(crossings: Crossings, lens: RadialLens) -> Array:

@@ -212,7 +212,9 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
         verdict = f"No lens distortion was found: {at}; {limit} (F-test, p = {test.p_value:.2g})."
     else:
         verdict = f"The lens shows {test.verdict} distortion: {at} (F-test, p = {test.p_value:.2g}); {limit}."
-    if test.misfit > LARGEST_RESIDUAL_RATIO:
+    if test.irregular_px:
+        verdict += f" {_sheet_sentence(test, mm_per_px)}"
+    elif test.misfit > LARGEST_RESIDUAL_RATIO:
         verdict += (
             f" The crossings' residuals are {test.misfit:.1f} times their own uncertainty: lines that are "
             "not quite straight or evenly spaced, a sheet that is not quite flat, or a distortion of another form."
@@ -230,6 +232,18 @@ def distortion_sentences(test: DistortionTest, mm_per_px: float | None) -> tuple
             "without that, a tilt would appear as a displacement of the centre."
         )
     return tuple(sentences)
+
+
+def _sheet_sentence(test: DistortionTest, mm_per_px: float | None) -> str:
+    """Say by how much the sheet's lines stand off their places, and what that leaves to say of the lens."""
+    size = f"{test.irregular_px:.2g} px" if mm_per_px is None else f"{test.irregular_px * mm_per_px:.2g} mm"
+    told = f"The sheet is irregular by {size} rms: its lines do not stand where an even ruling has them, "
+    if test.verdict != "none":
+        return told + "so that the lens is told by their bending alone."
+    return (
+        told + "and are not bent as a lens bends them; no statement about a lens that displaces by less than "
+        f"{test.detection_limit_px:.2g} px."
+    )
 
 
 def _straightness_table(test: DistortionTest) -> Table:
