@@ -8,7 +8,7 @@ judged is the order and the height and not the calibration.
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,6 +43,7 @@ class Case:
     calibration: RigCalibration
     frames: Frames
     height_fringes: float
+    periods: tuple[float, ...] = ()
 
     @property
     def phase_shifts_rad(self) -> Array:
@@ -83,8 +84,11 @@ def _continuous(step: Array) -> Array:
     return (np.abs(change) < CONTINUOUS_RAD) | (off < CONTINUOUS_RAD)
 
 
-def draw_case(number: int, *, seed: int = 0) -> Case:
-    """Draw one rig and one object on it; the number and the seed decide all of it."""
+def draw_case(number: int, *, seed: int = 0, second: bool = False) -> Case:
+    """Draw one rig and one object on it; the number and the seed decide all of it.
+
+    With a second period the frames of a longer one follow those of the first: both agree again after 8 to 14 fringes.
+    """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     spec = _spec(rng, number)
     calibration = exact_calibration(spec)
@@ -95,7 +99,24 @@ def draw_case(number: int, *, seed: int = 0) -> Case:
     place = rng.uniform(-0.12, 0.12, 2) * size
     scene = scene.placed(float(place[0]), float(place[1]), float(rng.uniform(-180, 180)))
     frames = render(spec, scene, seed=int(rng.integers(2**31)))
-    return Case(number, kind, spec, calibration, frames, height / fringe_height_mm(calibration))
+    case = Case(number, kind, spec, calibration, frames, height / fringe_height_mm(calibration))
+    return _with_second_period(case, scene, rng) if second else case
+
+
+def _with_second_period(case: Case, scene: Scene, rng: Draw) -> Case:
+    """Add the frames of a longer period, whose phase is zero where that of the first is."""
+    ratio = 1 + 1 / int(rng.integers(8, 15))
+    pattern = case.spec.projector
+    longer = pattern.model_copy(
+        update={
+            "pitch_mm": pattern.pitch_mm * ratio,
+            "phase_at_origin_rad": pattern.phase_at_origin_rad / ratio,
+        }
+    )
+    spec = case.spec.model_copy(update={"projector": longer})
+    further = render(spec, scene, seed=int(rng.integers(2**31)))
+    frames = replace(case.frames, frames=np.concatenate([case.frames.frames, further.frames]))
+    return replace(case, frames=frames, periods=(1.0, ratio))
 
 
 def fringe_height_mm(calibration: RigCalibration) -> float:

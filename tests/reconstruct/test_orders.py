@@ -11,6 +11,7 @@ from fringecal.phase.unwrapping.regions import smooth_regions
 from fringecal.reconstruct import Reason, absolute_phase
 from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
+from fringecal.reconstruct.orders.mixed_pixels import beside_breaks
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
@@ -143,3 +144,27 @@ def test_a_region_in_which_paths_disagree_is_narrowed_until_they_agree():
     for label in range(1, regions.number + 1):
         turns = np.rint((ramp - regions.values)[regions.cores == label] / (2 * np.pi))
         assert np.unique(turns).size == 1
+
+
+def test_both_sides_of_a_break_and_what_is_mixed_between_them_are_found():
+    step = np.zeros((20, 30))
+    step[:, 16:] = 20.0
+    step[5:15, 15] = 11.0
+    expected = np.zeros(step.shape, bool)
+    expected[:, 15:17] = True
+    expected[5:15, 14] = True
+    np.testing.assert_array_equal(beside_breaks(step, np.full(step.shape, 80.0, np.float32)), expected)
+
+
+def test_a_steep_slope_and_the_border_of_what_is_open_are_no_break():
+    u = np.mgrid[:20, :30][1].astype(float)
+    slope = 1.9 * u
+    slope[:, 20:] = np.nan
+    assert not beside_breaks(slope, np.full(slope.shape, 80.0, np.float32)).any()
+
+
+def test_a_dim_pixel_beside_a_shadow_is_found_and_one_on_dark_paint_is_not():
+    step, light = np.zeros((20, 30)), np.full((20, 30), 80.0, np.float32)
+    step[:, 20:], light[:, 20:] = np.nan, 2.0
+    light[:, 19], light[:, 5:8] = 30.0, 30.0
+    np.testing.assert_array_equal(np.flatnonzero(beside_breaks(step, light).any(axis=0)), [19])

@@ -1,5 +1,7 @@
 """Filters and object minus plate on surfaces of known form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,13 +40,25 @@ def test_a_pixel_without_plate_or_object_has_no_height():
     assert np.isfinite(found.z).sum() == found.z.size - 2
 
 
-@pytest.mark.parametrize(("name", "peak"), [("none", 9.0), ("median", 0.0), ("mean", 1.0)])
-def test_filters_of_heights_are_three_by_three(name, peak):
+@pytest.mark.parametrize(
+    ("name", "peak", "left"),
+    [("none", 9.0, 1.0), ("median", 0.0, 0.4075), ("mean", 1.0, 1 / 3)],  # order statistics of nine normal values
+)
+def test_filters_of_heights_are_three_by_three(name, peak, left):
     z = np.zeros(SHAPE)
     z[10, 10] = 9.0
     found = filtered_heights(surface(z), name)
     assert found.z[10, 10] == pytest.approx(peak)
-    np.testing.assert_array_equal(found.u_z, surface(z).u_z)
+    np.testing.assert_array_equal(found.u_random, surface(z).u_random)
+    far = found.u_z[2:-2, 20:-2]  # from the spike, whose loss counts as well
+    assert np.median(far) == pytest.approx(np.hypot(0.04, left * 0.03), rel=0.03)
+    assert found.u_z[10, 10] >= (9.0 - peak) / 1.96
+
+
+def test_a_plate_measured_by_the_same_wrong_model_cancels_its_error():
+    wrong = replace(surface(np.ones(SHAPE)), bias=np.full(SHAPE, 0.5))
+    found = minus_plate(wrong, replace(surface(np.zeros(SHAPE)), bias=np.full(SHAPE, 0.5)))
+    np.testing.assert_allclose(found.u_z, 0.03 * np.sqrt(2))
 
 
 def test_a_treatment_says_what_it_does():

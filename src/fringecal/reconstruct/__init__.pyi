@@ -31,6 +31,15 @@ from .extent import (
 from .extent import (
     extent_of as extent_of,
 )
+from .filter_effects import (
+    DRAWS as DRAWS,
+)
+from .filter_effects import (
+    FilterEffect as FilterEffect,
+)
+from .filter_effects import (
+    effect_of_filter as effect_of_filter,
+)
 from .height_map import (
     HeightMap as HeightMap,
 )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.reconstruct.sensitivity import Sensitivities
+from fringecal.uncertainty import uncertainty_with_bias
 
 Map = NDArray[Any]
 
@@ -35,7 +36,7 @@ class HeightMap:
     x, y, z
         Coordinates in mm, shape (H, W).
     u_z
-        Combined standard uncertainty of z in mm.
+        Combined standard uncertainty of z in mm; with a bias, that whose 95 % interval holds it.
     u_random
         Its random part: independent from pixel to pixel.
     systematic
@@ -43,6 +44,9 @@ class HeightMap:
         everywhere counts fully in a mean.
     reasons
         `Reason` bits, 0 where valid.
+    bias
+        Known error that z keeps, mm, by a height model that is not the calibrated one, or by filters; None where there
+        is none.
     """
 
     x: Map
@@ -52,6 +56,7 @@ class HeightMap:
     u_random: Map
     systematic: Sensitivities
     reasons: NDArray[np.uint8]
+    bias: Map | None = None
 
     @property
     def sensitivities(self) -> NDArray[np.float32]:
@@ -67,7 +72,8 @@ class HeightMap:
         """Return u of a weighted mean of z: systematic parts add up, random ones average out.
 
         `u^2 = w^T Cov w` with `Cov = diag(u_r^2) + sum_k c_k c_k^T`, the propagation of
-        JCGM 102:2011 with independent random parts and K components that all pixels share; weights sum to 1.
+        JCGM 102:2011 with independent random parts and K components that all pixels share; weights sum to 1. A known
+        bias counts by its weighted mean (`fringecal.uncertainty.uncertainty_with_bias`).
         """
         w = np.where(self.mask, weights, 0.0)
         w = w / w.sum()
@@ -75,4 +81,5 @@ class HeightMap:
         common = np.array(
             [float(np.nansum(w * self.systematic.map(k, self.z))) for k in range(len(self.systematic.sources))]
         )
-        return math.sqrt(random + float(common @ common))
+        bias = 0.0 if self.bias is None else float(np.nansum(w * self.bias))
+        return float(uncertainty_with_bias(math.sqrt(random + float(common @ common)), bias))

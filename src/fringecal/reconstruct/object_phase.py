@@ -15,7 +15,7 @@ from fringecal.reconstruct.height_map import Reason
 from fringecal.reconstruct.orders.cycles import step_in_cycle
 from fringecal.reconstruct.orders.decided_regions import DecidedRegions, decide_regions
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
-from fringecal.reconstruct.orders.mixed_pixels import beside_edges
+from fringecal.reconstruct.orders.mixed_pixels import beside_breaks, beside_edges
 from fringecal.reconstruct.orders.piece_orders import add_turns, decide_pieces, order_by_height, pixels_of
 from fringecal.reconstruct.row_rays import rig_rows
 
@@ -77,6 +77,7 @@ def absolute_phase(
     over_bands(_why_not, len(reasons), phase_map.valid, valid, reasons)
     if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
         step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm)
+        reasons[(reasons == 0) & beside_breaks(step, phase_map.modulation)] = int(Reason.EDGE)
     elif (regions := smooth_regions(wrapped, valid)) is not None:
         step, open_pieces = _by_evidence(phase_map, regions, calibration, height_range_mm, reasons)
     else:

@@ -14,6 +14,7 @@ from fringecal.reconstruct.height_map import HeightMap, Reason
 from fringecal.reconstruct.object_phase import ObjectPhase, absolute_phase
 from fringecal.reconstruct.row_rays import rig_rows, uncertainty_rows
 from fringecal.reconstruct.sensitivity import Sensitivities, height_sensitivities
+from fringecal.uncertainty import uncertainty_with_bias
 
 Array = NDArray[np.float64]
 HeightRange = tuple[float, float] | None
@@ -90,7 +91,10 @@ def height_of_phase(
 def _by_maps(
     phase: ObjectPhase, calibration: RigCalibration, systematic: Sensitivities, model: str, heights_mm: HeightRange
 ) -> HeightMap:
-    """Compute the surface with any height model, one whole map after the other."""
+    """Compute the surface with any height model, one whole map after the other.
+
+    Another model than the calibrated one errs by its difference from that one, which stands in u(z) as a known bias.
+    """
     rays = calibration.camera.pixel_rays()
     absolute = phase.difference_rad + calibration.model.phase(rays.ax, rays.ay, 0.0)
     # One call for all three: a law that is fitted at every pixel is fitted once.
@@ -105,7 +109,11 @@ def _by_maps(
     random = np.abs(slope) * np.hypot(phase.sigma_rad.astype(float), calibration.excess_rad)
     x, y = rays.at(z)
     random = np.where(reasons == 0, random, np.nan)
-    return HeightMap(x, y, z, np.sqrt(random**2 + systematic.variance(z)), random, systematic, reasons)
+    combined = np.sqrt(random**2 + systematic.variance(z))
+    if model == "projective":
+        return HeightMap(x, y, z, combined, random, systematic, reasons)
+    bias = z - calibration.model.height(absolute, rays)
+    return HeightMap(x, y, z, uncertainty_with_bias(combined, bias), random, systematic, reasons, bias)
 
 
 def _range_of(phase: ObjectPhase, calibration: RigCalibration, model: str) -> tuple[float, float]:

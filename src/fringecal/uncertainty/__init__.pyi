@@ -34,6 +34,9 @@ from .influences import (
 from .influences import (
     Source as Source,
 )
+from .known_bias import (
+    uncertainty_with_bias as uncertainty_with_bias,
+)
 from .propagation import (
     propagate as propagate,
 )

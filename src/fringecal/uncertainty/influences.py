@@ -38,6 +38,7 @@ class Influence(Enum):
     PLATE_FLATNESS = "flatness of the plate"
     ARTEFACT_SCATTER = "scatter over the artefact"
     BREAK_SCATTER = "scatter of the breaks"
+    KNOWN_BIAS = "known bias"
     INPUT = "input"
 
     @property
@@ -47,7 +48,10 @@ class Influence(Enum):
 
 
 #: What a reader sees of each, in reports, tables and messages: a text can be changed here and steers nothing.
-TEXTS: dict[Influence, str] = {one: one.value for one in Influence} | {Influence.INPUT: ""}
+TEXTS: dict[Influence, str] = {one: one.value for one in Influence} | {
+    Influence.KNOWN_BIAS: "known bias of filters and height model, not corrected",
+    Influence.INPUT: "",
+}
 
 
 @dataclass(frozen=True)

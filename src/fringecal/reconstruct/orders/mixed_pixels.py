@@ -177,3 +177,53 @@ def beside_edges(
     wide = np.ones((2 * rules.mixed_px + 1,) * 2, np.uint8)
     mixed = cv2.dilate(edges & _BROKEN, wide) | cv2.dilate(edges & _DIM, np.ones((3, 3), np.uint8))
     return np.asarray((mixed > 0) & (regions.cores == 0) & (regions.labels > 0))
+
+
+_JUMP_RAD = 2.0  # between neighbours, beyond the smaller slope beside them, that is a break: a fold bends by less
+
+
+@njit(inline="always")
+def _jumps(before, left, right, after):  # type: ignore[no-untyped-def]
+    """Whether two neighbours differ by more than the slope on either side of them explains."""
+    slope = min(abs(left - before), abs(after - right))
+    slope = slope if slope == slope else 0.0
+    return abs(right - left) > slope + _JUMP_RAD
+
+
+@njit(nogil=True, cache=True)
+def _mark_breaks(first, last, step, out):  # type: ignore[no-untyped-def]
+    """Mark pixels of some rows that differ from a neighbour by a break."""
+    height, width = step.shape
+    for v in range(first, last):
+        for u in range(width):
+            out[v, u] = False
+            for dv, du in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                y, x = v + dv, u + du
+                if 0 <= y < height and 0 <= x < width:
+                    before = step[max(0, min(height - 1, v - dv)), max(0, min(width - 1, u - du))]
+                    after = step[max(0, min(height - 1, y + dv)), max(0, min(width - 1, x + du))]
+                    out[v, u] |= _jumps(before, step[v, u], step[y, x], after)
+
+
+def beside_breaks(step: Array, light: NDArray[np.float32], rules: MixingRules = MIXING_RULES) -> NDArray[np.bool_]:
+    """Return the pixels on either side of a break, and dim ones beside what is open, (H, W).
+
+    Where every pixel's order is its own, one that sees two surfaces at once has that of neither, or of the one beside;
+    so has one in a shadow into which the lens blurs a lit surface.
+
+    Parameters
+    ----------
+    step
+        Step over the plate, rad, NaN where open, (H, W).
+    light
+        Modulation of the fringes, grey levels, (H, W).
+    rules
+        What is dim, and how far the border of a shadow reaches.
+    """
+    beside = np.empty(step.shape, np.bool_)
+    over_bands(_mark_breaks, len(step), step, beside)
+    around = np.ones((2 * rules.bright_px + 1,) * 2, np.uint8)
+    dim = light < rules.dim_share * cv2.dilate(np.nan_to_num(np.asarray(light, np.float32)), around)
+    near = np.ones((2 * rules.mixed_px + 1,) * 2, np.uint8)
+    missing = np.isnan(step)
+    return beside | (dim & ~missing & (cv2.dilate(missing.astype(np.uint8), near) > 0))

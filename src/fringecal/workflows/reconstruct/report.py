@@ -190,6 +190,8 @@ def _causes_table(surface: HeightMap) -> Table:
     for number, source in enumerate(surface.systematic.sources):
         part = _mean_square(surface.systematic.map(number, surface.z))
         variances[source] = variances.get(source, 0.0) + part
+    if surface.bias is not None:
+        variances[Source(Influence.KNOWN_BIAS)] = _mean_square(surface.bias)
     total = sum(variances.values()) or 1.0
     ordered = sorted(variances.items(), key=lambda item: -item[1])
     frame = pd.DataFrame(
@@ -200,7 +202,9 @@ def _causes_table(surface: HeightMap) -> Table:
         }
     )
     formats = {"rms over the surface / mm": AS_U, "share of the variance / %": ".1f"}
-    return Table("Uncertainty budget of the height", frame, "standard uncertainties of a pixel's height", formats)
+    return Table(
+        "Uncertainty budget of the height", frame, "standard uncertainties of an unfiltered pixel's height", formats
+    )
 
 
 def _mean_square(values: NDArray[np.float64]) -> float:

@@ -27,6 +27,7 @@ from fringecal.workflows.shared import (
     Treatment,
     demand_same_picture,
     diagnose_capture,
+    effect_on_phase,
     filtered_heights,
     filtered_phase,
     frames_of,
@@ -113,7 +114,8 @@ def reconstruct(
     if treatment.minus_plate:
         progress("heights of the plate")
         surface = minus_plate(surface, _plate_surface(session, capture, calibration, model, treatment.before))
-    surface = filtered_heights(surface, treatment.after)
+    effect = effect_on_phase(phase, treatment.before)
+    surface = filtered_heights(surface, treatment.after, before=effect, sigma_rad=seen.sigma)
     if not surface.mask.any():
         named = " ".join(f"It looks as if {cause}." for cause in causes_of(held, refused=True))
         raise FitError(" ".join(filter(None, (_nothing_measured(capture.name, height_range_mm), named))))

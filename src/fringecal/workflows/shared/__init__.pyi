@@ -152,6 +152,9 @@ from .treatment import (
     Treatment as Treatment,
 )
 from .treatment import (
+    effect_on_phase as effect_on_phase,
+)
+from .treatment import (
     filtered_heights as filtered_heights,
 )
 from .treatment import (
