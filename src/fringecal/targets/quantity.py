@@ -83,7 +83,7 @@ class Quantity(BaseModel):
     u
         Standard uncertainty: one number for all items, or one per item.
     degrees_of_freedom
-        Of that u; None where it is taken as exactly known, as a certificate with k = 2 has it.
+        Of that u; None where it is taken as exactly known, as certificates mostly have it.
 
     Examples
     --------
