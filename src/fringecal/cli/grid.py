@@ -40,6 +40,8 @@ from fringecal.workflows.grid import (
 )
 from fringecal.workflows.shared import command_line
 
+# Channels of a colour picture whose grids are compared: noise and print may stand out more than lines in one.
+_COMPARED = 3
 HELP = """Find the lines of a grid picture; print the scale they give and the verdict on lens distortion.
 
 IMAGE is one picture of a ruled grid. With --target (a shipped name or a file) distances come in mm.
@@ -88,15 +90,19 @@ def grid(
 def _detected(
     image: Path, channel: str | None, detect: Callable[[np.ndarray], GridDetection]
 ) -> tuple[str | None, np.ndarray, GridDetection]:
-    """Detect by the first channel that shows the pattern; what the first of them lacked is said if none does."""
-    refused: DetectionError | None = None
+    """Detect by the three channels that show most, and take the one with more crossings; if none has any, say why."""
+    found: list[tuple[str | None, np.ndarray, GridDetection]] = []
+    refused: list[DetectionError] = []
     for taken, (picture,) in read_channels([image], channel):
         try:
-            return taken, picture, detect(picture)
+            found.append((taken, picture, detect(picture)))
         except DetectionError as error:
-            refused = refused or error
-    assert refused is not None
-    raise refused
+            refused.append(error)
+        if len(found) == _COMPARED:
+            break
+    if not found:
+        raise refused[0]
+    return max(found, key=lambda each: len(each[2].row))
 
 
 def _polarity(text: str) -> Polarity:

@@ -58,7 +58,7 @@ def channel_sentence(name: str, stated: str | None) -> str:
     """Say which channel of a colour picture was taken, and why."""
     if stated is not None:
         return f"colour picture: {name}, as stated"
-    return f"colour picture: {name} was taken, by which the pattern stands out most; --channel chooses another"
+    return f"colour picture: {name} was taken, which shows most of the pattern; --channel chooses another"
 
 
 def _shown(name: str, pictures: list[np.ndarray]) -> float:
