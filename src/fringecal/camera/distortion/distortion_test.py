@@ -255,6 +255,7 @@ def _report(detection: GridDetection, crossings: Crossings, answer: _Answer) -> 
             lens, after, coefficients = bent, by_bending, {one.label: one for one in sheet.terms}
             largest = replace(largest, value=sheet.bent_px, u=sheet.u_bent_px)
         verdict = _of_bent_lines(sheet, straighter=_rms_px(after) < _rms_px(before))
+        limit = max(limit, _unconfirmed_px(sheet) if verdict == "none" else 0.0)
     return DistortionTest(
         verdict,
         replace(largest, value=abs(largest.value)),
@@ -280,6 +281,13 @@ def _of_bent_lines(sheet: SheetTest, *, straighter: bool) -> Verdict:
     if sheet.p_lens >= SIGNIFICANCE or not (sheet.repeats and straighter):
         return "none"
     return "barrel" if sheet.bent_px < 0 else "pincushion"
+
+
+def _unconfirmed_px(sheet: SheetTest) -> float:
+    """Return up to which size lines are bent that no lens is confirmed by: of smaller lenses nothing can be said."""
+    if sheet.p_lens >= SIGNIFICANCE:
+        return 0.0
+    return abs(sheet.bent_px) + float(stats.norm.ppf(POWER)) * sheet.u_bent_px
 
 
 def _three(terms: tuple[Estimate, ...]) -> tuple[float, ...]:

@@ -48,6 +48,9 @@ class DecisionRules:
     ----------
     plate_pixels
         Least number of pixels on the plate's phase.
+    main_share
+        Least share of its pixels that the region which starts all must have on it: a slope that only crosses the
+        plate's phase somewhere has some as well.
     plate_share
         Share of a region's pixels that must lie on it for the region to be plate.
     edge_lines
@@ -69,6 +72,7 @@ class DecisionRules:
     """
 
     plate_pixels: int = 50
+    main_share: float = 0.02
     plate_share: float = 0.8
     rounds: int = 2
     edge_lines: int = 12
@@ -228,7 +232,8 @@ def _start_at_plate(
 def _chosen_main(book: OrderBook, plate: PlateVotes, rising: int, rules: DecisionRules) -> bool:
     """Give the region that shows most of the plate its order; return whether any shows enough of it."""
     main = int(np.argmax(plate.counts))
-    return bool(plate.counts[main] >= rules.plate_pixels) and book.choose(main, -rising * int(plate.levels[main]))
+    enough = max(rules.plate_pixels, rules.main_share * plate.sizes[main])
+    return bool(plate.counts[main] >= enough) and book.choose(main, -rising * int(plate.levels[main]))
 
 
 def gathered(

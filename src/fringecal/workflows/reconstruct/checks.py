@@ -22,6 +22,7 @@ from fringecal.workflows.reconstruct.capture_causes import (
 from fringecal.workflows.reconstruct.run import Measurement, near_plate_mm
 from fringecal.workflows.shared import judged
 
+_BELOW_PERCENT = 2.0  # of the heights: a scrap of a wrong order is not the capture's fault
 _ANYTHING = (
     "the plate in view does not lie as it was calibrated: plate, camera or projector moved or bent, or frames are in "
     "another order"
@@ -34,7 +35,7 @@ def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
     A plate or camera that moved shifts or tilts the plate, and so do frames in another order; a frame that moved,
     vibration and a torn frame roughen it. What covers the whole picture, or the object alone, is not seen.
     """
-    return (*_plate_checks(found, limits), *_picture_checks(found, limits))
+    return (*_plate_checks(found, limits), *_below_plate(found), *_picture_checks(found, limits))
 
 
 def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
@@ -99,6 +100,25 @@ def _tied_checks(plate: VisiblePlate, limits: Limits) -> tuple[Check, ...]:
     )
     return taken, _below(
         "plate beside the object: scatter", plate.scatter_ratio, limits.reconstruct.plate_scatter_ratio, ""
+    )
+
+
+def _below_plate(found: Measurement) -> tuple[Check, ...]:
+    """Judge how much of the surface lies below the plate, where nothing can lie."""
+    if found.treatment.minus_plate or found.tied is not None:
+        return ()
+    z = found.surface.z[found.surface.mask]
+    share = 100 * float(np.mean(z < -near_plate_mm(found.calibration))) if z.size else 0.0
+    return (
+        Check(
+            name="surface below the plate",
+            value=share,
+            limit=_BELOW_PERCENT,
+            unit="%",
+            decision="pass" if share <= _BELOW_PERCENT else "fail",
+            rule="share of the heights more than a seventh of a fringe below the plate: whole fringes are wrong, or "
+            "the plate lies higher than it was calibrated",
+        ),
     )
 
 
