@@ -13,6 +13,9 @@ SIGNIFICANT = 4.5
 """Standard uncertainties from which a displacement is believed: by chance once in 150 000."""
 
 _LEAST_PIECES = 4  # of texture that are clear by themselves, to say that no part of the picture moved
+# Standard uncertainty, px, of a displacement along the fringes beyond which their bend is too weak to show one: the
+# calibration's own errors of its bend, which the plate's phase shows as well, look like tens of px then.
+_MOST_U_ALONG_PX = 2.0
 _MOST_SPREAD = 1.5  # of the plate's phase over its uncertainty: beyond, frames disagree, and no displacement is read
 
 
@@ -78,6 +81,8 @@ def is_displaced(held: CaptureHeld, limits: Limits) -> bool:
     seen = displacement(held)
     texture = held.texture is not None and held.texture.found
     if seen is None or not (texture or (held.pose is not None and _camera_alone(held.pose))):
+        return False
+    if not texture and seen[0].u > _MOST_U_ALONG_PX:
         return False
     return seen[0].value > max(limits.reconstruct.picture_shift_px, SIGNIFICANT * seen[0].u)
 
