@@ -31,7 +31,7 @@ def uncertainty_with_bias(u: ArrayLike, bias: ArrayLike, *, coverage: float = CO
     Examples
     --------
     >>> uncertainty_with_bias([1.0, 1.0], [0.0, 10.0]).round(3).tolist()
-    [1.0, 5.942]
+    [1.0, 5.941]
     """
     size, spread = np.abs(np.asarray(bias, float)), np.asarray(u, float)
     with np.errstate(divide="ignore", invalid="ignore"):
