@@ -209,7 +209,7 @@ def test_a_grid_in_a_picture_without_one(run, data, tmp_path):
     demand_refusal(run("grid", data / "fpp_tools_lens" / "lens_orig_000.jpg"), "no line grid")
     (tmp_path / "empty.png").write_bytes(b"")
     demand_refusal(run("grid", tmp_path / "empty.png"), "empty.png")
-    demand_refusal(run("grid", tmp_path), "directory")
+    demand_refusal(run("grid", tmp_path), "a folder, a file was needed")
 
 
 def test_an_unknown_rig_and_an_unknown_target(run, out):

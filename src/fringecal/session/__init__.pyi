@@ -49,9 +49,6 @@ from .in_memory import (
 from .pictures.capture_files import (
     natural_key as natural_key,
 )
-from .pictures.capture_files import (
-    read_bytes as read_bytes,
-)
 from .pictures.picture import (
     Picture as Picture,
 )
@@ -60,6 +57,9 @@ from .pictures.picture import (
 )
 from .pictures.picture import (
     to_grey as to_grey,
+)
+from .pictures.size_limits import (
+    regular_bytes as regular_bytes,
 )
 from .temporary import (
     temporary_session as temporary_session,

@@ -10,8 +10,8 @@ import numpy as np
 
 from fringecal.errors import SessionError
 from fringecal.session.faults import PictureError, hint, joined
-from fringecal.session.pictures.capture_files import read_bytes
 from fringecal.session.pictures.picture import decode, to_grey
+from fringecal.session.pictures.size_limits import regular_bytes
 from fringecal.targets import Quantity, Target
 
 
@@ -138,7 +138,7 @@ class Capture:
 
     def _frame(self, path: Path, sha256: str) -> np.ndarray:
         try:
-            data = read_bytes(path)
+            data = regular_bytes(path)
         except PictureError as error:
             raise SessionError([f"{path}: {error}"]) from error
         if hashlib.sha256(data).hexdigest() != sha256:

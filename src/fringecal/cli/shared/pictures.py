@@ -8,7 +8,7 @@ import typer
 
 from fringecal.detect import pattern_contrast
 from fringecal.errors import SessionError
-from fringecal.session import Picture, PictureError, decode, read_bytes, to_grey
+from fringecal.session import Picture, PictureError, decode, regular_bytes, to_grey
 
 CHANNELS = ("mean", "red", "green", "blue", "luma")
 # One channel has more noise than luma, which is a mean: it is taken where its pattern stands out by so much more.
@@ -69,7 +69,7 @@ def _shown(name: str, pictures: list[np.ndarray]) -> float:
 def _decoded(path: Path) -> Picture:
     """Decode a picture file."""
     try:
-        return decode(read_bytes(path))
+        return decode(regular_bytes(path))
     except PictureError as error:
         raise SessionError([f"{path}: {error}"]) from error
 

@@ -1,19 +1,25 @@
 """Find the files of a capture and learn of each what the checks need, without keeping its pixels."""
 
 import hashlib
+import itertools
+import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fringecal.session.document import is_inside
-from fringecal.session.faults import Fault, PictureError, nearest
+from fringecal.session.faults import Fault, nearest
 from fringecal.session.pictures.containers import Container
 from fringecal.session.pictures.picture import decode
+from fringecal.session.pictures.size_limits import kind_of_place, regular_bytes
 
 _GLOB_CHARACTERS = re.compile(r"[*?\[]")
+_MOST_ENTRIES = 100_000  # of a capture: 20 steps of 10 periods, 500 times over
+_MOST_NAMED = 20  # of the files of a capture that are not there: more say no more
+_MOST_COMPARED = 5000  # names of a folder that are compared with a missing one, which takes 10 us each
 _BRIGHT = 0.995  # quantile of the pixels that stands for a picture's brightness: above hot pixels and glints
 
 
@@ -72,29 +78,39 @@ def natural_key(name: str) -> list[tuple[int, str]]:
 
 def expand(folder: Path, entries: Sequence[str], where: str) -> tuple[list[Path], list[Fault]]:
     """Turn the names and globs of a capture into files, each glob naturally sorted."""
+    if len(entries) > _MOST_ENTRIES:
+        found = f"{len(entries)} entries, at most {_MOST_ENTRIES} are read"
+        return [], [Fault(where, found, "list fewer, or name them by a pattern")]
     paths: list[Path] = []
     faults: list[Fault] = []
+    missing: list[str] = []
     for entry in entries:
-        found, fault = _expand_one(folder, entry, where)
-        paths += found
+        found_paths, fault = _expand_one(folder, entry, where)
+        paths += found_paths
         if fault is not None:
             faults.append(fault)
-    return paths, faults
+        elif not found_paths:
+            missing.append(entry)
+    return paths, [*faults, *_missing_faults(folder, missing, where)]
 
 
 def _expand_one(folder: Path, entry: str, where: str) -> tuple[list[Path], Fault | None]:
+    """Find the files of one entry; none, and no fault, where it names a file that is not there."""
     if not is_inside(entry) or "\0" in entry:
         return [], Fault(
             where, f'"{entry}" is outside the session folder', "copy it in and name it relative to the folder"
         )
     path = folder / entry
-    if path.is_file():
+    if os.path.isfile(path):
         return [path], None
-    if path.is_dir():
+    kind = kind_of_place(path)
+    if kind == "a folder":
         return [], Fault(where, f'"{entry}" is a folder', f'list its files, for example "{entry}/*.png"')
+    if kind:
+        return [], Fault(where, f'"{entry}" is {kind}, a file was needed', "name a picture file")
     if not _GLOB_CHARACTERS.search(entry):
-        return [], Fault(where, f'"{entry}" is not there', _missing_remedy(folder, entry))
-    found = sorted((p for p in _glob(folder, entry) if p.is_file()), key=lambda p: natural_key(str(p)))
+        return [], None
+    found = sorted((p for p in _glob(folder, entry) if os.path.isfile(p)), key=lambda p: natural_key(str(p)))
     if found:
         return found, None
     return [], Fault(where, f'no file matches "{entry}"', "correct the pattern or add the files")
@@ -103,15 +119,35 @@ def _expand_one(folder: Path, entry: str, where: str) -> tuple[list[Path], Fault
 def _glob(folder: Path, pattern: str) -> list[Path]:
     try:
         return list(folder.glob(pattern))
-    except (ValueError, NotImplementedError):  # such as "a**": a pattern that matches nothing by its form
+    except (ValueError, NotImplementedError, OSError):  # such as "a**": a pattern that matches nothing by its form
         return []
 
 
-def _missing_remedy(folder: Path, entry: str) -> str:
-    parent = (folder / entry).parent
-    names = [p.name for p in parent.iterdir()] if parent.is_dir() else []
-    close = nearest(Path(entry).name, names)
+def _missing_faults(folder: Path, missing: Sequence[str], where: str) -> Iterator[Fault]:
+    """Name what is not there: the first entries one by one, each with the nearest name that is, the rest together."""
+    one_by_one = missing[:_MOST_NAMED] if len(missing) > _MOST_NAMED + 1 else missing
+    names: dict[Path, list[str]] = {}
+    for entry in one_by_one:
+        yield Fault(where, f'"{entry}" is not there', _missing_remedy(folder / entry, names))
+    rest = missing[len(one_by_one) :]
+    if rest:
+        yield Fault(where, f'"{rest[0]}" is not there, and {len(rest) - 1} more are not', "add the files")
+
+
+def _missing_remedy(path: Path, names: dict[Path, list[str]]) -> str:
+    """Ask for the nearest name that there is; `names` keeps what lies in the folders that were read."""
+    if path.parent not in names:
+        names[path.parent] = _names_in(path.parent)
+    close = nearest(path.name, names[path.parent])
     return f'did you mean "{close}"?' if close else "add the file or correct the name"
+
+
+def _names_in(folder: Path) -> list[str]:
+    try:
+        with os.scandir(folder) as entries:
+            return [entry.name for entry in itertools.islice(entries, _MOST_COMPARED)]
+    except OSError:
+        return []
 
 
 def examine(path: Path) -> FrameFacts:
@@ -122,7 +158,7 @@ def examine(path: Path) -> FrameFacts:
     PictureError
         If it cannot be read or trusted.
     """
-    data = read_bytes(path)
+    data = regular_bytes(path)
     picture = decode(data)
     pixels = np.ascontiguousarray(picture.pixels)
     peak = int(pixels.max())
@@ -141,11 +177,3 @@ def examine(path: Path) -> FrameFacts:
         used_bits=int(np.bitwise_or.reduce(pixels, axis=None)),
         container=picture.container,
     )
-
-
-def read_bytes(path: Path) -> bytes:
-    """Read a file, or say why it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise PictureError(f"cannot be read ({error.strerror})", "see that it is there and may be read") from error

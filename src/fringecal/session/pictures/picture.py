@@ -11,7 +11,9 @@ import cv2
 import numpy as np
 
 from fringecal.session.faults import PictureError
-from fringecal.session.pictures.containers import PNG_SIGNATURE, Container, inspect_bmp, inspect_jpeg, inspect_png
+from fringecal.session.pictures.containers import Container, inspect_bmp
+from fringecal.session.pictures.jpeg_segments import inspect_jpeg
+from fringecal.session.pictures.png_chunks import PNG_SIGNATURE, inspect_png
 from fringecal.session.pictures.tiff import read_tiff
 
 # ITU-R BT.601, the luma that cameras and JPEG mean by it.
@@ -56,18 +58,19 @@ def decode(data: bytes) -> Picture:
     """Decode a PNG, TIFF, BMP or JPEG file; its kind is told by its content, not by its name.
 
     RGB whose channels are equal everywhere is grey. Alpha is dropped. An EXIF orientation is not
-    applied: pixels stay where the sensor has them.
+    applied: pixels stay where the sensor has them. What the header announces is judged before anything is unpacked
+    (`size_limits`).
 
     Raises
     ------
     PictureError
-        If the file is empty, truncated, damaged, of another kind, or not 8 or 16 bit.
+        If the file is empty, truncated, damaged, of another kind, not 8 or 16 bit, or larger than what is read.
     """
     if not data:
         raise PictureError("an empty file (0 bytes)")
     pixels: np.ndarray | None = None
     if data.startswith(PNG_SIGNATURE):
-        container = inspect_png(data)
+        data, container = inspect_png(data)
     elif data.startswith(b"\xff\xd8\xff"):
         container = inspect_jpeg(data)
     elif data.startswith(b"BM"):
