@@ -1,6 +1,9 @@
 """Records run once more: every archived calibration, judgements, and records whose files or numbers have changed."""
 
+import copy
+import hashlib
 import json
+import math
 import re
 import shutil
 from pathlib import Path
@@ -18,7 +21,8 @@ from fringecal.records.verification_record import write_verification
 from fringecal.session import load_session
 from fringecal.workflows.audit.record import audit_record
 from fringecal.workflows.audit.run import audit
-from fringecal.workflows.rerun.run import calibration_file, demand_inputs, differences, rerun, session_folder
+from fringecal.workflows.rerun.number_by_number import differences, stated_alone
+from fringecal.workflows.rerun.run import calibration_file, demand_inputs, rerun, session_folder
 from fringecal.workflows.shared.stored_calibration import calibration_of
 from fringecal.workflows.verify.record import verification_record
 from fringecal.workflows.verify.run import verify
@@ -53,7 +57,10 @@ def test_an_archived_record_is_repeated(archived):
     assert max((d.part_of_u or 0.0 for d in found.differences), default=0.0) < 1.0, found.sentence
     assert "Other software" in found.sentence if found.versions else "the record's own" in found.sentence
     assert ("by another definition" in found.sentence) is (written.en_definition is None)
-    assert not any(d.matters for d in found.differences if d.place.endswith((".en", ".dof")))
+    other_en = [d for d in found.differences if d.place.endswith((".en", ".dof")) and d.rule != "rounding"]
+    assert not any(d.matters for d in other_en)  # a score by another definition, degrees of freedom not written before
+    assert found.digest == written.digest_state
+    assert ("no digest" in found.sentence) is (written.digest is None)
 
 
 # ---- verifications and audits ----------------------------------------------------------------------
@@ -143,7 +150,7 @@ def test_a_changed_number_of_an_audit_is_found(judged, tmp_path, capsys):
 def as_older(file, place, decision=None):
     """Write a verification as an older version did: without definition and degrees of freedom, En = mean / (2 u)."""
     document = json.loads(file.read_text())
-    del document["en_definition"]
+    del document["en_definition"], document["digest"]
     for profile in (*document["profiles"], *document["profiles_with_edges"]):
         del profile["dof"]
         profile["en"] = profile["mean_mm"] / (2 * profile["u_mm"])
@@ -213,9 +220,12 @@ def document_of(record):
         (("scale", "mean", "value"), lambda old, u: old + u / 2, 0.5, True),
         (("scale", "mean", "value"), lambda old, u: old + u / 1000, 0.001, False),
         (("scale", "mean", "u"), lambda old, _: old * (1 + 1e-9), None, False),
+        (("scale", "mean", "u"), lambda old, _: old * 10, None, True),
         (("distortion", "verdict"), lambda old, _: old + "!", None, True),
         (("projection", "theory"), lambda *_: None, None, True),
-        (("rig", "residual_rms_rad"), lambda old, _: old * 1.001, None, False),
+        (("rig", "residual_rms_rad"), lambda old, _: old * 1.001, None, True),
+        (("rig", "residual_rms_rad"), lambda old, _: old * (1 + 1e-9), None, False),
+        (("session", "rig"), lambda *_: "another", None, True),
     ],
 )
 def test_differences_are_told_by_their_uncertainty(newest, place, change, part, matters):
@@ -235,3 +245,117 @@ def test_a_column_more_is_a_difference(newest):
     now["projection"]["columns"].pop()
     (found,) = differences(then, now)
     assert (found.place, found.matters) == ("projection.columns", True)
+
+
+def test_a_u_made_larger_in_the_record_is_seen_with_what_it_would_hide(newest):
+    """Value and u edited together: by the larger u the value is the same, but the u is not."""
+    then, now = document_of(newest), document_of(newest)
+    mean = then["scale"]["mean"]
+    mean["value"], mean["u"] = mean["value"] + mean["u"] / 2, 100 * mean["u"]
+    found = {d.place: (d.rule, d.matters) for d in differences(then, now)}
+    assert found == {"scale.mean.value": ("u", False), "scale.mean.u": ("rounding", True)}
+
+
+def numbers_in(table, place=()):
+    """Yield the way to every number of a document."""
+    inside = table.items() if isinstance(table, dict) else enumerate(table)
+    for key, value in inside:
+        if isinstance(value, dict | list):
+            yield from numbers_in(value, (*place, key))
+        elif isinstance(value, int | float) and not isinstance(value, bool):
+            yield (*place, key)
+
+
+def sizes_beside(document, place, table):
+    """Return what a number may be small against: the u beside it, or of the parameters that it is about; 1e-10."""
+    rig, camera = ([math.sqrt(row[n]) for n, row in enumerate(document[x]["covariance"])] for x in ("rig", "camera"))
+    u, last = {"rig": rig, "camera": camera}.get(place[0], []), place[-1]
+    if "parameters" in place:
+        return u[last]
+    if "covariance" in place:
+        return u[place[-2]] * u[last] / 1000
+    if "cross_covariance" in place:
+        return rig[place[-2]] * camera[last] / 1000
+    if "effect" in place:
+        return math.sqrt(sum(mode["effect"][last] ** 2 for mode in document["rig"]["modes"])) / 10
+    if last == "percent":
+        return 0.1  # of 100
+    if isinstance(table, dict):
+        return max([table[key] for key in ("u", "u_deg") if isinstance(table.get(key), float)] + [1e-10])
+    holder = document
+    for key in place[:-2]:
+        holder = holder[key]
+    beside = {"projector_mm": "projector_u_mm", "estimated_rad": "u_rad"}.get(place[-2], "u")
+    return holder[beside][last] if isinstance(holder, dict) and isinstance(holder.get(beside), list) else 0.0
+
+
+def test_no_number_of_a_record_can_be_edited_unseen(newest):
+    """Each by 5 % of itself, or of what it may be small against (covariance: a thousandth, effect: a tenth of u)."""
+    then = document_of(newest)
+    unseen, places = [], list(numbers_in(then))
+    assert len(places) > 1500
+    for place in places:
+        now = copy.deepcopy({place[0]: then[place[0]]})
+        table = now
+        for key in place[:-1]:
+            table = table[key]
+        table[place[-1]] += 0.05 * max(abs(table[place[-1]]), sizes_beside(then, place, table)) or 1e-3
+        if not any(d.matters for d in differences({place[0]: then[place[0]]}, now)):
+            unseen.append(place)
+    assert unseen == []
+
+
+def test_three_numbers_that_were_certified_as_the_same(newest):
+    """A rig parameter by 5 %, the projector a metre higher, the scale's u tenfold: each alone is another result."""
+    then = document_of(newest)
+    for place, edit in (
+        (("rig", "parameters", 1), lambda x: 1.05 * x),
+        (("rig", "projector_mm", 2), lambda x: x + 1000.0),
+        (("scale", "mean", "u"), lambda x: 10 * x),
+    ):
+        now = document_of(newest)
+        table = now
+        for key in place[:-1]:
+            table = table[key]
+        table[place[-1]] = edit(table[place[-1]])
+        assert [d.place for d in differences(then, now) if d.matters] != [], place
+
+
+# ---- a record that was edited ----------------------------------------------------------------------
+def edited(file, place, change):
+    document = json.loads(file.read_text())
+    change(document)
+    place.mkdir()
+    (place / file.name).write_text(json.dumps(document))
+    return read_record(place / file.name)[0]
+
+
+def test_an_edited_record_is_told_from_another_result(judged, tmp_path, capsys):
+    """Words alone were edited: no result differs, but the record is not the one that was written."""
+    written = edited(judged["audit"], tmp_path / "words", lambda d: d.update(sentence="nothing moved"))
+    assert (read_record(judged["audit"])[0].digest_state, written.digest_state) == ("fits", "differs")
+    with pytest.raises(SystemExit) as stop:
+        main(["rerun", str(tmp_path / "words"), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (stop.value.code, found["agrees"], found["digest"]) == (3, True, "differs")
+    assert "was edited after it was written" in found["sentence"]
+
+
+def test_what_a_record_does_not_state_is_named_and_not_compared(newest):
+    """A key that older versions did not know, and a table of one's own in which every key counts."""
+    now, then = document_of(newest), document_of(newest)
+    del then["projection"]["columns"][0]["apparent_deg"], then["budgets"]["scale.mean"]
+    kept, unstated = stated_alone(now, then)
+    assert unstated == ["projection.columns[0].apparent_deg"]
+    assert [d.place for d in differences(then, kept) if d.matters] == ["budgets.scale.mean"]
+
+
+def test_the_digest_is_that_of_the_content_and_not_of_the_layout(judged, tmp_path):
+    """As docs/records.md has it: everything but the digest, keys sorted, without spaces, ASCII."""
+    document = json.loads(judged["verify"].read_text())
+    stated = document.pop("digest")
+    text = json.dumps(document, sort_keys=True, separators=(",", ":"))
+    assert hashlib.sha256(text.encode()).hexdigest() == stated
+    backwards = dict(reversed([*document.items(), ("digest", stated)]))
+    (tmp_path / "verification.json").write_text(json.dumps(backwards, indent=7))
+    assert read_record(tmp_path)[0].digest_state == "fits"

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
 HELP = """Run a calibration, a verification or an audit again from its record: same files by hash, same numbers.
 
 Nothing is written. A file that is missing or has another content is named, and nothing is run.
-Exit code 0 if every result is the same, 3 if one differs by more than 1 % of its u, 1 if it cannot be run.
+Every number is compared: with its u where it states one, else to rounding, each u and each covariance as well.
+Exit code 0 if every result is the same; 3 if one differs by more than 1 % of its u, or by more than rounding where it
+states none, or if the record was edited after it was written; 1 if it cannot be run.
 
 Example: fringecal rerun calibration/calibration.json --session bench/2026-11-22
 """
@@ -53,13 +55,13 @@ def rerun(
         print_json(_document(found))
     else:
         _print(found)
-    if not found.agrees:
+    if not found.repeats:
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
 def _document(found: "Rerun") -> dict[str, Any]:
     differences = [
-        {"place": d.place, "then": d.then, "now": d.now, "part_of_u": d.part_of_u, "matters": d.matters}
+        {"place": d.place, "then": d.then, "now": d.now, "part_of_u": d.part_of_u, "rule": d.rule, "matters": d.matters}
         | ({"by_definition_of_en": True} if d.defined else {})
         for d in found.differences
     ]
@@ -67,6 +69,8 @@ def _document(found: "Rerun") -> dict[str, Any]:
         "format": "fringecal-rerun/1",
         "identical": found.identical,
         "agrees": found.agrees,
+        "digest": found.digest,
+        "unstated": list(found.unstated),
         "sentence": found.sentence,
         "versions": {name: {"then": then, "now": now} for name, (then, now) in found.versions.items()},
         "differences": differences,

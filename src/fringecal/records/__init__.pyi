@@ -185,6 +185,9 @@ from .look_record import (
     LookRecord as LookRecord,
 )
 from .look_record import (
+    PackedArray as PackedArray,
+)
+from .look_record import (
     packed as packed,
 )
 from .look_record import (
@@ -198,6 +201,9 @@ from .parts import (
 )
 from .parts import (
     Decision as Decision,
+)
+from .parts import (
+    DigestState as DigestState,
 )
 from .parts import (
     EstimateRecord as EstimateRecord,
@@ -225,6 +231,9 @@ from .phase_record import (
 )
 from .phase_record import (
     WaveRecord as WaveRecord,
+)
+from .provenance import (
+    PROCESSOR as PROCESSOR,
 )
 from .provenance import (
     sha256_of as sha256_of,

@@ -1,7 +1,9 @@
 """Records as JSON documents: read with a reason for every refusal, written whole or not at all."""
 
+import hashlib
 import json
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -9,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from fringecal.errors import RecordError
 from fringecal.records.files import write_text
+from fringecal.records.parts import Digested
 
 _SHOWN_FAULTS = 8  # of a document; one slip often makes many, and the first few show it
 
@@ -51,9 +54,12 @@ def parse_document[Record: BaseModel](text: str, model: type[Record], form: str,
     document = _load_json(text, name)
     _demand_format(name, document.get("format"), form)
     try:
-        return model.model_validate_json(json.dumps(document), strict=True)
+        record = model.model_validate_json(json.dumps(document), strict=True)
     except ValidationError as error:
         raise RecordError(f"{name}: {_faults(error)}") from error
+    if isinstance(record, Digested) and record.digest not in (None, digest_of(document)):
+        record.mark_edited()
+    return record
 
 
 def write_document(record: BaseModel, path: str | Path) -> Path:
@@ -71,9 +77,30 @@ def write_document(record: BaseModel, path: str | Path) -> Path:
     return write_text(path, text)
 
 
+def digest_of(document: Mapping[str, Any]) -> str:
+    """Give the SHA-256 of a document's content, whatever its layout, as lower-case hex.
+
+    Hashed is the document without its key ``digest``, as JSON with sorted keys, ``","`` and ``":"`` without spaces, and
+    every character beyond ASCII escaped; numbers have the fewest digits that give them back (RFC 8785 is close to it,
+    but writes some numbers otherwise).
+
+    Examples
+    --------
+    >>> digest_of({"b": 1.0, "a": "x"}) == digest_of({"a": "x", "digest": "0" * 64, "b": 1.00})
+    True
+    """
+    content = {name: value for name, value in document.items() if name != "digest"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
+    return hashlib.sha256(text.encode("ascii")).hexdigest()
+
+
 def to_json(record: BaseModel) -> str:
-    """Print a record as indented JSON with each list of plain numbers on one line."""
-    text = json.dumps(record.model_dump(mode="json"), indent=2, ensure_ascii=False, allow_nan=False)
+    """Print a record as indented JSON with its digest, each list of plain numbers on one line."""
+    document = record.model_dump(mode="json")
+    if isinstance(record, Digested):
+        document = {name: value for name, value in document.items() if name != "digest"}
+        document["digest"] = digest_of(document)
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
     # A raw line break cannot occur inside a JSON string, so only true lists of numbers match.
     return re.sub(r"\[\n\s+([^\[\]{}\"]*?)\n\s*\]", _on_one_line, text) + "\n"
 

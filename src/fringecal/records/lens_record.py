@@ -4,7 +4,7 @@ from typing import Final, Literal, Self
 
 from pydantic import Field, model_validator
 
-from fringecal.records.parts import Matrix, Part, Uncertainty, UtcTime, is_covariance, now_utc
+from fringecal.records.parts import Digested, Matrix, Part, Uncertainty, UtcTime, is_covariance, now_utc
 
 LENS_FORMAT: Final = "fringecal-lens/1"
 LENS_FILE = "lens.json"
@@ -76,7 +76,7 @@ class LensRecord(Part):
         return self
 
 
-class LensDocument(Part):
+class LensDocument(Digested):
     """The file ``lens.json``: a lens by itself, as `fringecal lens` writes it."""
 
     format: Literal["fringecal-lens/1"] = LENS_FORMAT

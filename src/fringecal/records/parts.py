@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 
 from fringecal.uncertainty import Estimate
 
@@ -13,6 +13,7 @@ _ASYMMETRY = 1e-8  # of a correlation: numbers are written to nine digits at lea
 _NEGATIVE = 1e-6  # of its least eigenvalue, likewise: rounding of digits that were written
 
 Decision = Literal["pass", "conditionalPass", "conditionalFail", "fail", "info"]
+DigestState = Literal["fits", "differs", "none"]
 
 
 class Part(BaseModel):
@@ -136,7 +137,32 @@ class SessionNote(Part):
     minutes_since_power_on: float | None = None
 
 
-class Provenance(Part):
+class Digested(Part):
+    """A document that carries a digest of its own content, so that an edited one is told from another result.
+
+    `digest_state` says whether the digest is that of the content that was read; ``"none"`` where there is no digest, as
+    in records of older versions.
+    """
+
+    digest: Sha256 | None = Field(
+        default=None,
+        description="SHA-256 of everything else in this document; null in records of older versions (docs/records.md)",
+    )
+    _edited: bool = PrivateAttr(default=False)
+
+    @property
+    def digest_state(self) -> DigestState:
+        """Whether the document is as it was written."""
+        if self._edited:
+            return "differs"
+        return "none" if self.digest is None else "fits"
+
+    def mark_edited(self) -> None:
+        """Note that the digest is not that of the content: known to whoever read the text."""
+        self._edited = True
+
+
+class Provenance(Digested):
     """What every record says about its own making, so that it can be made again."""
 
     format: str

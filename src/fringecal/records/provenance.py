@@ -6,15 +6,22 @@ import platform
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
+
 from fringecal import __version__
 from fringecal.errors import RecordError
 
 _PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "numba", "lmfit", "mrcal", "pydantic")
 
 
+PROCESSOR = "processor"
+"""Key of the kind of processor among the versions: other vector instructions round otherwise."""
+
+
 def software_versions() -> dict[str, str]:
     """Give the versions of the toolkit, of Python, and of the packages that numbers depend on.
 
+    The kind of processor stands among them, since vector instructions round differently.
     Packages that are not installed (mrcal is optional) are left out.
 
     Examples
@@ -22,7 +29,14 @@ def software_versions() -> dict[str, str]:
     >>> {"fringecal", "python", "numpy"} <= set(software_versions())
     True
     """
-    return {"fringecal": __version__, "python": platform.python_version(), **_installed()}
+    return {"fringecal": __version__, "python": platform.python_version(), **_installed(), PROCESSOR: _processor()}
+
+
+@functools.cache
+def _processor() -> str:
+    """Name the machine and the last group of vector instructions that NumPy found on it."""
+    found = np.show_config(mode="dicts").get("SIMD Extensions", {}).get("found", [])
+    return " ".join([platform.machine(), *found[-1:]])
 
 
 @functools.cache

@@ -1,7 +1,6 @@
 """Run a calibration, a verification or an audit once more from its record: same files by hash, number by number."""
 
-import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from fringecal.errors import RecordError
 from fringecal.records import (
     DEFAULT_LIMITS,
     CalibrationRecord,
+    DigestState,
     Record,
     VerificationRecord,
     earlier_record,
@@ -21,50 +21,18 @@ from fringecal.session import Session, load_session
 from fringecal.targets import Zigzag
 from fringecal.workflows.audit import audit, audit_record
 from fringecal.workflows.commission import calibration_record, commission
+from fringecal.workflows.rerun.number_by_number import PART_OF_U, ROUNDING, Difference, differences, stated_alone
 from fringecal.workflows.shared import calibration_of
 from fringecal.workflows.verify import artefact_capture, artefact_record, verification_record, verify, verify_artefact
 
-PART_OF_U = 0.01  # a number that differs by less than this of its standard uncertainty is the same number
-
-_OF_THE_MAKING = {"created", "software", "command"}
+_OF_THE_MAKING = {"created", "software", "command", "digest"}
 _SILENT = {"inputs", "limits", "appearance"}  # what older versions did not write is no difference
-_PAIRS = {"value": "u", "angle_deg": "u_deg", "mean_mm": "u_mm", "measured": "u_measured", "u_mm": "u_mm"}
 _VERBS = ("commission", "verify", "audit")
 _CALIBRATION = "--calibration"
-_JUDGED_WORDS = {"decision", "verdict", "model"}  # other texts repeat what is compared anyway
 _EN = "en"
 _VERDICT = "verdict"
-# Degrees of freedom that records without `en_definition` did not write beside u, as pydantic leaves them out.
-_LATER_DOF: Any = {
-    "projection": {"columns": {"__all__": {"dof"}}},
-    "distortion": {"max_px": {"dof"}},
-    **{part: {"__all__": {"dof"}} for part in ("profiles", "profiles_with_edges", "readings", "changes")},
-}
-
-
-@dataclass(frozen=True)
-class Difference:
-    """One place in which two records differ; the difference of numbers with an uncertainty is given as a part of it.
-
-    `defined` is whether another definition of En alone explains it: what En is formed from is compared for itself.
-    """
-
-    place: str
-    then: object
-    now: object
-    part_of_u: float | None = None
-    defined: bool = False
-
-    @property
-    def matters(self) -> bool:
-        """Whether a result differs: by more than rounding against its uncertainty, in a verdict, or in structure."""
-        if self.defined:
-            return False
-        if self.part_of_u is not None:
-            return self.part_of_u > PART_OF_U
-        if isinstance(self.then, str) and isinstance(self.now, str):
-            return self.place.rpartition(".")[2] in _JUDGED_WORDS
-        return not (_is_number(self.then) and _is_number(self.now))
+_PLACE_OF_CALIBRATION = "file"  # where it lay; what it held is known by its hash
+_NAMED = 3  # places that a sentence names
 
 
 @dataclass(frozen=True)
@@ -81,12 +49,19 @@ class Rerun:
         Software that is not the record's: then and now by package; empty text where it was or is not there.
     same_en
         Whether the record forms En as this version does.
+    digest
+        Whether the record is as it was written: ``"fits"``, ``"differs"`` where it was edited since, ``"none"`` where
+        it carries no digest of itself.
+    unstated
+        Places that this version states and the record does not: they cannot be compared.
     """
 
     fresh: Record
     differences: tuple[Difference, ...]
     versions: Mapping[str, tuple[str, str]]
     same_en: bool = True
+    digest: DigestState = "none"
+    unstated: tuple[str, ...] = ()
 
     @property
     def identical(self) -> bool:
@@ -95,8 +70,13 @@ class Rerun:
 
     @property
     def agrees(self) -> bool:
-        """Whether no result differs by more than rounding."""
+        """Whether no result differs by more than its rule allows."""
         return not any(difference.matters for difference in self.differences)
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the record is repeated: no result differs, and the record was not edited."""
+        return self.agrees and self.digest != "differs"
 
     @property
     def sentence(self) -> str:
@@ -105,14 +85,46 @@ class Rerun:
             f"{name} {then or 'absent'} then, {now or 'absent'} now" for name, (then, now) in self._sorted
         )
         reason = f" Other software: {other}." if other else " The software is the record's own."
-        reason = f"{self._about_en}{reason}"
+        return f"{self._outcome}{self._about_digest}{self._about_unstated}{self._about_en}{reason}"
+
+    @property
+    def _outcome(self) -> str:
+        """State what the comparison gave, and by which rule it holds."""
         if self.identical:
-            return f"The same files give the same numbers, to the last digit.{reason}"
+            return "The same files give the same numbers, to the last digit."
         worst = max((d.part_of_u or 0.0 for d in self.differences), default=0.0)
         if self.agrees:
-            return f"The same files give the same results: nothing differs by more than {worst:.1e} of its u.{reason}"
-        count = sum(difference.matters for difference in self.differences)
-        return f"The same files give other results in {count} place(s), at most {worst:.2g} of u.{reason}"
+            return (
+                f"The same files give the same results: nothing differs by more than {worst:.1e} of its u, and numbers "
+                f"that state none, each u and each covariance agree to {ROUNDING:.0e}."
+            )
+        found = [d for d in self.differences if d.matters]
+        of_u = [d.part_of_u for d in found if d.part_of_u is not None]
+        most = f" (at most {max(of_u):.2g} of u)" if of_u else ""
+        return (
+            f"The same files give other results in {len(found)} place(s): {len(of_u)} by more than {PART_OF_U:.0%} of "
+            f"their u{most}, {len(found) - len(of_u)} that state no u, or are one, by more than rounding or in kind."
+        )
+
+    @property
+    def _about_digest(self) -> str:
+        """State whether a difference can be an edit of the record."""
+        if self.digest == "differs":
+            return (
+                " The record was edited after it was written: the digest that it carries is not that of its content. "
+                "What differs may be the edit."
+            )
+        if self.digest == "none" and not self.identical:
+            return " The record carries no digest of itself (older versions wrote none): an edit would not be told."
+        return ""
+
+    @property
+    def _about_unstated(self) -> str:
+        """State what could not be compared because the record does not hold it."""
+        if not self.unstated:
+            return ""
+        more = ", ..." if len(self.unstated) > _NAMED else ""
+        return f" Not in the record, so not compared: {', '.join(self.unstated[:_NAMED])}{more}."
 
     @property
     def _about_en(self) -> str:
@@ -162,12 +174,14 @@ def rerun(
     progress("hashes of the files")
     demand_inputs(record, folder, calibration)
     fresh = _again(record, load_session(folder), calibration, progress)
-    then, now = (_compared(one, record) for one in (record, fresh))
+    then = _comparable(record, exclude_unset=True)
+    now, unstated = stated_alone(_comparable(fresh), then)
     same_en = record.en_definition == fresh.en_definition
     found = tuple(differences(then, now))
     if not same_en:
         found = _by_definition(found, {check.name for check in fresh.checks if check.score == "En"})
-    return Rerun(fresh, found, _other_versions(record.software, software_versions()), same_en)
+    versions = _other_versions(record.software, software_versions())
+    return Rerun(fresh, found, versions, same_en, record.digest_state, tuple(unstated))
 
 
 def _by_definition(found: Sequence[Difference], scores: set[str]) -> tuple[Difference, ...]:
@@ -270,56 +284,12 @@ def _other_versions(then: Mapping[str, str], now: Mapping[str, str]) -> dict[str
     return {name: (then.get(name, ""), now.get(name, "")) for name in names if then.get(name) != now.get(name)}
 
 
-def _compared(one: Record, written: Record) -> dict[str, Any]:
-    """Give what is compared: all but the making, and nothing that an older version did not write."""
-    left_out: Any = dict.fromkeys((*_OF_THE_MAKING, "inputs", "en_definition"), True)
-    if written.en_definition is None:
-        left_out |= _LATER_DOF
-    document = one.model_dump(mode="json", exclude=left_out)
-    absent = {name for name in _SILENT if getattr(written, name, None) in (None, ())}
-    document["checks"] = _checks(one, written)
+def _comparable(one: Record, *, exclude_unset: bool = False) -> dict[str, Any]:
+    """Give what is compared: all but the making, the place of files, and how En is formed; checks by their names."""
+    left_out: Any = dict.fromkeys((*_OF_THE_MAKING, "en_definition"), True)
+    if not isinstance(one, CalibrationRecord):
+        left_out["calibration"] = {_PLACE_OF_CALIBRATION}
+    document = one.model_dump(mode="json", exclude=left_out, exclude_unset=exclude_unset)
+    document["checks"] = {check.pop("name"): check for check in document.get("checks", ())}
+    absent = {name for name in _SILENT if document.get(name) in (None, [])}
     return {name: value for name, value in document.items() if name not in absent}
-
-
-def _checks(one: Record, written: Record) -> dict[str, dict[str, Any]]:
-    """Give the checks that the record holds, by name: a newer version may judge more, and state more of each."""
-    known = {check.name: check for check in written.checks}
-    return {
-        check.name: check.model_dump(mode="json", exclude={"name", "rule", "expanded", "score"})
-        for check in one.checks
-        if check.name in known
-    }
-
-
-def differences(then: Any, now: Any, place: str = "", u: float | None = None) -> Iterator[Difference]:
-    """Walk through two documents side by side and give every place in which they differ.
-
-    Examples
-    --------
-    >>> list(differences({"scale": {"value": 1.0, "u": 0.1}}, {"scale": {"value": 1.05, "u": 0.1}}))
-    [Difference(place='scale.value', then=1.0, now=1.05, part_of_u=0.5000000000000004, defined=False)]
-    """
-    if isinstance(then, Mapping) and isinstance(now, Mapping):
-        for name in dict.fromkeys((*then, *now)):
-            u_then = then.get(_PAIRS.get(name, ""))
-            inside = f"{place}.{name}" if place else str(name)
-            yield from differences(then.get(name), now.get(name), inside, u_then if _is_number(u_then) else None)
-    elif _is_list(then) and _is_list(now) and len(then) == len(now):
-        for number, (a, b) in enumerate(zip(then, now, strict=True)):
-            yield from differences(a, b, f"{place}[{number}]")
-    elif then != now:
-        yield Difference(place, then, now, _part(then, now, u))
-
-
-def _part(then: object, now: object, u: float | None) -> float | None:
-    if not u or not (_is_number(then) and _is_number(now)):
-        return None
-    return abs(float(now) - float(then)) / u  # type: ignore[arg-type]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-
-
-def _is_list(value: object) -> bool:
-    return isinstance(value, Sequence) and not isinstance(value, str)

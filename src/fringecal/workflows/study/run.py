@@ -10,6 +10,7 @@ from fringecal.calibration import Calibrated
 from fringecal.errors import FringecalError
 from fringecal.projector import RigCalibration
 from fringecal.records import (
+    PROCESSOR,
     Comparison,
     EstimateRecord,
     RigResult,
@@ -61,7 +62,8 @@ class StudyPlan:
     def record(self) -> StudyRecord:
         """Return what a folder of results must agree with."""
         name = "" if self.rig is None else self.rig.name
-        return StudyRecord(seed=self.seed, rig=name, heights_mm=self.heights_mm, software=software_versions())
+        versions = {key: version for key, version in software_versions().items() if key != PROCESSOR}
+        return StudyRecord(seed=self.seed, rig=name, heights_mm=self.heights_mm, software=versions)
 
 
 type Compute = Callable[[StudyPlan, list[int]], Iterable[RigResult]]
