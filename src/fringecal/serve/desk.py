@@ -10,9 +10,10 @@ from typing import Any
 
 from fringecal.report import REPORT_FILE
 from fringecal.serve.access import Refused
+from fringecal.serve.bounded_check import checked
 from fringecal.serve.runs import VERBS, Run, Runs
 from fringecal.serve.uploads import Bounds
-from fringecal.session import FILE_NAME, Session, SessionCheck, check_session
+from fringecal.session import FILE_NAME, CheckReport
 
 _MOST_FOLDERS = 500  # of those below --sessions that are offered: a list that is longer is not read
 _CALIBRATION = "calibration.json"
@@ -56,7 +57,7 @@ class Desk:
     root: Path | None = None
     bounds: Bounds = field(default_factory=Bounds)
     opened: dict[str, Opened] = field(default_factory=dict)
-    # Checks listen to what decoders say on the one standard error: one at a time.
+    # One at a time: each may use much memory.
     checking: threading.Lock = field(default_factory=threading.Lock)
 
     def open(self, folder: Path, label: str) -> Opened:
@@ -77,10 +78,16 @@ class Desk:
             raise Refused("There is no such session; choose its folder again.", 404)
         return self.opened[key]
 
-    def check(self, opened: Opened) -> SessionCheck:
-        """Check a session as it is now."""
+    def check(self, opened: Opened) -> CheckReport:
+        """Check a session as it is now, in a process of its own.
+
+        Raises
+        ------
+        Refused
+            It needs more memory or time than a check may use.
+        """
         with self.checking:
-            return check_session(opened.folder)
+            return checked(opened.folder)
 
     def offered(self) -> dict[str, Path]:
         """Session folders below the root by relative name, at most two folders deep."""
@@ -143,12 +150,12 @@ def start(desk: Desk, opened: Opened, asked: dict[str, str]) -> Run:
     verb, capture = asked.get("verb", ""), asked.get("capture", "")
     if verb not in VERBS:
         raise Refused(f"{verb[:40]!r} is not run here; {', '.join(VERBS)} are")
-    session = desk.check(opened).session
-    if session is None:
+    report = desk.check(opened)
+    if report.rig is None:
         raise Refused("the session has faults; mend them first, as its page says", 409)
-    if capture and capture not in session.captures:
+    if capture and capture not in {row.name for row in report.captures or ()}:
         raise Refused(f"the session has no capture {capture[:120]!r}")
-    record = None if verb == "commission" else _calibration(desk, session, asked.get("calibration", ""))
+    record = None if verb == "commission" else _calibration(desk, report.rig, asked.get("calibration", ""))
 
     def arguments(folder: Path) -> list[str]:
         stated = [verb, str(opened.folder.absolute()), f"--out={folder / 'out'}"]
@@ -162,12 +169,12 @@ def start(desk: Desk, opened: Opened, asked: dict[str, str]) -> Run:
     return desk.runs.start(f"{verb} {opened.label}", opened.key, arguments)
 
 
-def _calibration(desk: Desk, session: Session, chosen: str) -> bytes:
+def _calibration(desk: Desk, rig: str, chosen: str) -> bytes:
     """Return the content of the calibration that was chosen; only those offered can be."""
     from fringecal.history import open_history
 
-    if chosen not in dict(calibrations(desk, session.rig)):
-        raise Refused(f"choose a calibration of rig {session.rig}: {chosen[:80]!r} is none")
+    if chosen not in dict(calibrations(desk, rig)):
+        raise Refused(f"choose a calibration of rig {rig}: {chosen[:80]!r} is none")
     kind, _, key = chosen.partition("-")
     if kind == "run":
         return (desk.runs.named(key).out / _CALIBRATION).read_bytes()

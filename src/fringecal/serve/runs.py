@@ -1,4 +1,4 @@
-"""Commands that the dashboard runs: one at a time, each in a process of its own that says what it does."""
+"""Commands that the dashboard runs: one at a time, each in a process that ends with the server."""
 
 import contextlib
 import os
@@ -13,11 +13,12 @@ from datetime import datetime
 from pathlib import Path
 
 from fringecal.serve.access import Refused
+from fringecal.serve.supervisor import Bounds, supervised
 
 VERBS = ("commission", "verify", "audit")
 _COMMAND = (sys.executable, "-P", "-m", "fringecal")
 _MOST_LINES = 2000  # of a command's output that are kept: a commissioning says less than a hundred
-_PATIENCE_S = 10.0  # after which a command that was asked to stop is stopped
+_PATIENCE_S = Bounds.patience_s + 5.0  # after which not even its supervisor has stopped a command
 _KEEP_ALIVE_S = 15.0  # of silence, after which a browser is sent something, so that one that left is found out
 
 
@@ -139,18 +140,9 @@ class Runs:
 
 
 def _launched(command: Sequence[str]) -> subprocess.Popen[str]:
-    return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        encoding="utf-8",
-        errors="replace",
-        # Steps at once and without colours, in lines that fit the page.
-        env=os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "NO_COLOR": "1", "COLUMNS": "96"},
-        start_new_session=True,  # Ctrl-C stops the server, which then stops this
-    )
+    # Steps at once and without colours, in lines that fit the page.
+    environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "NO_COLOR": "1", "COLUMNS": "96"}
+    return supervised(command, environment=environment, said=subprocess.STDOUT)
 
 
 def _listen(run: Run) -> None:
@@ -163,6 +155,8 @@ def _listen(run: Run) -> None:
                     run.lines.append(line.rstrip())
                 run.changed.notify_all()
     code = run.process.wait()
+    assert run.process.stdin is not None
+    run.process.stdin.close()
     for partial in run.folder.glob(".*.partial"):
         shutil.rmtree(partial, ignore_errors=True)
     with run.changed:

@@ -75,7 +75,7 @@ def _session_routes(pages: "flask.Blueprint", desk: Desk) -> None:
     def session(key: str) -> "flask.Response":
         opened = desk.session(key)
         outcome = desk.check(opened)
-        choices = calibrations(desk, outcome.session.rig) if outcome.session else []
+        choices = calibrations(desk, outcome.rig) if outcome.rig is not None else []
         return _shown(desk, lambda seal: session_page(seal, opened.key, opened.label, outcome, choices))
 
     @pages.post("/sessions/<key>/run")

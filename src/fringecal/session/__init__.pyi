@@ -11,6 +11,12 @@ from .captures import (
     Session as Session,
 )
 from .check_document import (
+    CaptureRow as CaptureRow,
+)
+from .check_document import (
+    CheckReport as CheckReport,
+)
+from .check_document import (
     check_report as check_report,
 )
 from .check_document import (

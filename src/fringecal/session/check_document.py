@@ -38,6 +38,7 @@ class CaptureRow(_Row):
     steps_deg: list[float]
     periods: list[float]
     repeat: int
+    use: str = Field(description="calibration or verification.")
     images: list[ImageRow]
     gray: list[ImageRow]
 
@@ -95,6 +96,7 @@ def _capture_row(capture: Capture, check: SessionCheck) -> CaptureRow:
         steps_deg=[round(math.degrees(step), 9) for step in capture.phase_shifts_rad],
         periods=list(capture.periods),
         repeat=capture.repeat,
+        use=capture.use,
         images=rows(capture.paths, capture.sha256),
         gray=rows(capture.gray_paths, capture.gray_sha256),
     )

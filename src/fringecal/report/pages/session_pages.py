@@ -6,7 +6,7 @@ from datetime import datetime
 
 from fringecal.report.pages.dashboard import render
 from fringecal.report.views import DECISIONS
-from fringecal.session import SessionCheck
+from fringecal.session import CheckReport
 
 _WHAT = {
     "calibration.json": "the record: everything found, its budget and its inputs",
@@ -73,7 +73,7 @@ def sessions_page(
 
 
 def session_page(
-    seal: Seal, key: str, label: str, outcome: SessionCheck, calibrations: Sequence[tuple[str, str]]
+    seal: Seal, key: str, label: str, outcome: CheckReport, calibrations: Sequence[tuple[str, str]]
 ) -> str:
     """Show what the check of a session found, and offer what can be run on it.
 
@@ -88,15 +88,15 @@ def session_page(
     calibrations
         Value and label of every calibration of its rig, the newest first.
     """
-    session = outcome.session
-    captures = tuple(session.captures.values()) if session else ()
-    rows = [(c.name, c.kind, _target(c.target), len(c.paths) + len(c.gray_paths), *c.shape[::-1]) for c in captures]
-    count = len(outcome.faults)
-    found = f"rig {session.rig}, {session.captured:%Y-%m-%d %H:%M}" if session else f"{_counted(count, 'fault')} in it"
+    captures = outcome.captures or []
+    rows = [
+        (c.name, c.kind, c.target_name or "-", len(c.images) + len(c.gray), c.width_px, c.height_px) for c in captures
+    ]
+    found = f"rig {outcome.rig}, {outcome.captured:%Y-%m-%d %H:%M}" if outcome.ok else ""
     return render(
         "session.html.j2",
         title=label,
-        subtitle=found,
+        subtitle=found or f"{_counted(len(outcome.faults), 'fault')} in it",
         seal=seal,
         key=key,
         outcome=outcome,
@@ -136,10 +136,6 @@ def run_page(seal: Seal, run: RunParts, lines: Sequence[str], ending: tuple[str,
         told=told,
         files=[(name, _WHAT.get(name, "")) for name in files],
     )
-
-
-def _target(target: object) -> str:
-    return str(getattr(target, "name", "")) if target else "-"
 
 
 def _counted(count: int, what: str) -> str:

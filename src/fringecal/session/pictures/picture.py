@@ -90,7 +90,9 @@ def _decode_by_opencv(data: bytes, kind: str) -> np.ndarray:
     with _written_to_stderr() as written:
         try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-        except cv2.error:
+        except cv2.error as error:
+            if error.code == cv2.Error.StsNoMem:
+                raise MemoryError("no memory to decode a picture in") from error
             pixels = None
     complaint = " ".join(written).strip()
     if pixels is None or (kind == "JPEG" and complaint):
