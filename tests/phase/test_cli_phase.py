@@ -77,6 +77,9 @@ def test_table_for_people(lens):
         (["a.png", "b.png", "c.png"], "state the phase shifts"),
         (["a.png", "--steps", "0,x"], "not a list of numbers"),
         (["a.png", "--steps", "0,120,240", "--capture", "x"], "give a session folder"),
+        (["a.png", "--steps", "0,120,240", "--counts=1,8", "--periods=8,1"], "counts say what --periods"),
+        (["a.png", "--steps", "0,120,240", "--counts=0,8"], "counts of fringes are above 0"),
+        (["a.png", "--steps", "0,120,240", "--periods=8,1", "--extent=nan"], "is no length"),
     ],
 )
 def test_usage_errors(arguments, message):
@@ -233,3 +236,15 @@ def test_two_periods_give_an_absolute_phase(fringed, tmp_path):
     assert "known within 16 fringes" in run(*names, "--steps=0,120,240", "--periods=240,15").stdout
     with pytest.raises(PhaseError, match="0: the pictures do not fit the stated periods"):
         run(*names, "--steps=0,120,240", "--periods=15,240")
+
+
+def test_counts_or_an_extent_say_how_many_fringes_are_projected(fringed, tmp_path):
+    sets = np.concatenate([fringed([0, 120, 240], ratio=1 / 16), fringed([0, 120, 240])])  # 16 fringes in the picture
+    names = written(tmp_path / "set", sets)
+    for stated in (("--counts=1.25,20",), ("--periods=16,1", "--extent=20")):
+        (orders,) = json.loads(run(*names, "--steps=0,120,240", *stated, "--json").stdout)["orders"]
+        assert orders["known_by"] == "displacement"  # a cycle of 16
+    (orders,) = json.loads(run(*names, "--steps=0,120,240", "--periods=240,15", "--extent=240", "--json").stdout)[
+        "orders"
+    ]
+    assert orders["known_by"] == "numbers"

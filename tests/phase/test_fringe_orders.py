@@ -7,7 +7,8 @@ from scipy import special
 from fringecal.errors import PhaseError
 from fringecal.phase import correct_gamma, demodulate, estimate_waveform, unwrap
 from fringecal.phase.orders.absolute import absolute_phase
-from fringecal.phase.orders.multi_period import PlateOrders, cycle_of, decide_orders, plate_number
+from fringecal.phase.orders.multi_period import FringeOrders, PlateOrders, decide_orders, plate_number
+from fringecal.phase.orders.period_cycle import cycle_of
 
 SHAPE = (120, 160)
 V, U = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
@@ -156,3 +157,98 @@ def test_two_real_wavelengths_are_counted_on_wall_and_box(kamino_frames):
         main = alone.pieces == np.bincount(alone.pieces[alone.pieces > 0]).argmax()
         off = np.rint((orders.phase[part] - alone.phase)[main] / (2 * np.pi)) % 3
         assert (off == np.bincount(off.astype(int)).argmax()).mean() > 0.999
+
+
+def in_squares(truth, size=20, gap=4):
+    """Leave only the white squares of a board, which touch nowhere."""
+    v, u = V % (2 * size), U % (2 * size)
+    first = (v < size - gap) & (u < size - gap)
+    second = (v >= size) & (v < 2 * size - gap) & (u >= size) & (u < 2 * size - gap)
+    return np.where(first | second, truth, np.nan)
+
+
+@pytest.mark.parametrize("projected", [None, 24.0])
+def test_squares_of_a_board_that_holds_more_fringes_than_a_cycle_are_one_plane(projected, wrap, rng):
+    # 21 fringes and a cycle of 8: every white square is a piece, and none may be a whole cycle off.
+    truth = in_squares(scene(21, 0.0))
+    orders = decide_orders(*shown(truth, (12, 96), wrap, rng, 0.05), (12, 96), projected=projected)
+    count = absolute_phase(orders, projected=projected)
+    off = (count.phase - truth) / (2 * np.pi)
+    known = np.isfinite(off)
+    np.testing.assert_allclose(off[known], np.median(off[known]), atol=0.25)
+    assert known.sum() > 0.95 * np.isfinite(truth).sum()
+    assert not count.in_one_cycle
+
+
+def test_a_box_a_whole_number_of_cycles_up_is_left_open_and_counted_once_all_fringes_are_numbered(wrap, rng):
+    # 15 fringes seen of 24 projected, the box 9 fringes up: within a cycle of 8 it looks like 1 fringe up.
+    truth = np.where(ON_BOX | ~((np.abs(U - 80) < 36) & (np.abs(V - 60) < 31)), scene(15, 9.0), np.nan)
+    phases, sigmas = shown(truth, (12, 96), wrap, rng, 0.05)
+    count = absolute_phase(decide_orders(phases, sigmas, (12, 96)))
+    assert np.isnan(count.phase[ON_BOX]).all()
+    assert count.undecided == pytest.approx(ON_BOX.sum() / np.isfinite(truth).sum(), abs=0.01)
+    assert "state how many fringes are projected" in count.sentence()
+    # With a third period of 24 fringes each pixel has its own number.
+    phases, sigmas = shown(truth, (12, 96, 288), wrap, rng, 0.05)
+    count = absolute_phase(decide_orders(phases, sigmas, (12, 96, 288), projected=24.0), projected=24.0)
+    off = (count.phase - truth) / (2 * np.pi)
+    np.testing.assert_allclose(off[np.isfinite(truth)], off[0, 0], atol=0.25)
+    assert count.known_by == "numbers"
+
+
+def test_a_projected_picture_of_exactly_one_cycle_is_not_cut_by_noise_at_its_ends(wrap, rng):
+    truth = 2 * np.pi * 8 * U / (SHAPE[1] - 1)  # from 0 to 8, where noise takes it below the one and above the other
+    phases, sigmas = shown(truth, (12, 96), wrap, rng, 0.1)
+    count = absolute_phase(decide_orders(phases, sigmas, (12, 96), projected=8.0), projected=8.0)
+    off = (count.phase - truth) / (2 * np.pi)
+    known = np.isfinite(off)
+    np.testing.assert_allclose(off[known], np.median(off[known]), atol=0.25)
+    assert known.mean() > 0.95
+
+
+@pytest.mark.parametrize("degrees", [-90, 90, 36])
+def test_a_constant_offset_of_all_periods_is_found_and_named(degrees, wrap, rng):
+    # phi_k = r_k x + c for every period: sin where cos was meant is c = -90 deg.
+    truth, periods = scene(25, 17.3), (10, 80, 640)
+    phases, sigmas = shown(truth, periods, wrap, rng, 0.05)
+    orders = decide_orders(wrap(phases + np.deg2rad(degrees)), sigmas, periods, projected=64.0)
+    assert np.rad2deg(orders.offset_rad) == pytest.approx(degrees, abs=1.0)
+    assert f"offset by {degrees} deg" in orders.sentence()
+    assert ("sines" in orders.sentence()) == (abs(degrees) == 90)
+    off = (orders.phase - truth) / (2 * np.pi)
+    known = np.isfinite(off)
+    np.testing.assert_allclose(off[known], np.median(off[known]), atol=0.25)
+    assert known.mean() > 0.99
+
+
+def test_an_offset_that_noise_hides_at_single_pixels_is_found_by_many(wrap, rng):
+    # 16 and 17 units: orders lie 2 pi / 17 = 0.37 rad apart, noise of both phases is 0.16 rad. Half way between two
+    # orders chance would choose.
+    truth, periods = scene(12, 0.0), (16, 17)
+    phases, sigmas = shown(truth, periods, wrap, rng, 0.11)
+    phases[1] = wrap(phases[1] + np.pi / 17)
+    orders = decide_orders(phases, sigmas, periods)
+    assert abs(orders.zeros_rad[0]) == pytest.approx(np.pi / 17, abs=0.03)
+    off = (orders.phase - truth) / (2 * np.pi)
+    known = np.isfinite(off)
+    assert np.mean(np.abs(off[known] - np.median(off[known])) > 0.25) < 1e-3
+    assert known.mean() > 0.95
+
+
+@pytest.mark.parametrize("counts", [(1, 8, 64), (0.9, 3.9, 15.9)])
+def test_counts_given_as_lengths_are_named(counts, wrap, rng):
+    lengths = 1 / np.asarray(counts, float)
+    phases, sigmas = shown(scene(0.8 * max(counts), 0.0), lengths, wrap, rng, 0.02)
+    with pytest.raises(PhaseError, match="fringes in the picture and not lengths"):
+        decide_orders(phases, sigmas, counts)
+    orders = decide_orders(phases, sigmas, lengths, projected=max(counts))
+    assert orders.undecided < 0.01
+
+
+def test_every_pixel_of_a_gray_code_stands_for_itself_wherever_the_largest_piece_lies(wrap):
+    # 16 numbers; recentring on a piece at the lower end would take whatever lies above 9 for less than 0.
+    truth = np.where((U < 90) | (U > 120), scene(15, 0.0), np.nan)
+    orders = FringeOrders(truth.astype(np.float32), 16, (), (), 0.0, 0.0, 0.0, numbers_all=True)
+    count = absolute_phase(orders)
+    np.testing.assert_allclose(count.phase, truth, atol=1e-4)
+    assert count.known_by == "numbers"

@@ -24,6 +24,7 @@ from fringecal.cli.shared.phase_sets import (
     Group,
     PhaseSet,
     Stated,
+    StatedPeriods,
     holds_session,
     picture_group,
     pictures_of,
@@ -47,7 +48,8 @@ from fringecal.report import diagnostics_overview, phase_overview
 HELP = """Demodulate phase-shifted pictures: valid share, noise, fringe period and the phase shifts found.
 
 SOURCE is a session folder, a folder of pictures, or the pictures of one set in the order of --steps; with --periods
-all frames of the first period, then of the next. Several periods give an absolute phase.
+all frames of the first period, then of the next. Several periods give an absolute phase. --counts states the fringes
+in the whole projected picture instead, --extent its length: isolated pieces are then counted too.
 
 Example: fringecal phase bench/2026-11-22 --capture reference --out phase-maps
 
@@ -69,6 +71,8 @@ def phase(
     source: list[Path] = typer.Argument(..., help="Session folder, or pictures.", show_default=False),
     steps: str | None = typer.Option(None, "--steps", help="Phase shifts of the pictures in deg: 0,120,240."),
     periods: str | None = typer.Option(None, "--periods", help="Fringe periods of the pictures: 12,96."),
+    counts: str | None = typer.Option(None, "--counts", help="Instead: fringes in the projected picture: 8,1."),
+    extent: float | None = typer.Option(None, help="Length of the projected picture in the unit of --periods."),
     channel: str | None = typer.Option(None, "--channel", help="Colour pictures: mean, red, green, blue or luma."),
     capture: str | None = typer.Option(None, "--capture", help="Only this capture of the session."),
     out: Path | None = typer.Option(None, "--out", help="Folder for NAME.npz (maps) and NAME.png (figure)."),
@@ -79,7 +83,7 @@ def phase(
     """Load, demodulate, save, print."""
     documents: list[dict[str, Any]] = []
     orders: list[dict[str, Any]] = []
-    for group in _groups(source, steps, periods, channel, capture):
+    for group in _groups(source, steps, _periods(periods, counts, extent), channel, capture):
         summaries = summarised(group)
         diagnoses = [_diagnosed(one, mm_per_rad) if diagnostics else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
@@ -124,24 +128,38 @@ def _between_repeats(one: PhaseSet) -> tuple[Finding, ...]:
     return findings_of_repeats(compare_repeats(one.repeats, one.phase_shifts_rad, white_level=one.white_level))
 
 
+def _periods(periods: str | None, counts: str | None, extent: float | None) -> StatedPeriods:
+    """Read the periods, or the counts of fringes that stand for them."""
+    if counts is not None and (periods is not None or extent is not None):
+        raise typer.BadParameter("counts say what --periods and --extent would", param_hint="--counts")
+    if extent is not None and not (np.isfinite(extent) and extent > 0):
+        raise typer.BadParameter(f"{extent:g} is no length", param_hint="--extent")
+    if counts is None:
+        return StatedPeriods(tuple(_numbers(periods, "--periods")) if periods is not None else (), extent)
+    numbers = _numbers(counts, "--counts")
+    if min(numbers) <= 0:
+        raise typer.BadParameter(f"{counts!r}: counts of fringes are above 0", param_hint="--counts")
+    return StatedPeriods(tuple(1 / number for number in numbers), 1.0)
+
+
 def _groups(
-    source: list[Path], steps: str | None, periods: str | None, channel: str | None, capture: str | None
+    source: list[Path], steps: str | None, periods: StatedPeriods, channel: str | None, capture: str | None
 ) -> Iterator[Group]:
     """Give the sets of a session, or those of the pictures."""
     folder = source[0] if len(source) == 1 and source[0].is_dir() else None
     if folder is not None and (holds_session(folder) or steps is None):
-        for option, value in (("--steps", steps), ("--periods", periods), ("--channel", channel)):
+        own = {"--steps": steps, "--periods (or --counts)": periods.lengths or None, "--channel": channel}
+        for option, value in own.items():
             if value is not None:
                 raise typer.BadParameter(f"a session states its own {option[2:]}", param_hint=option)
-        yield from session_groups(folder, capture)
+        yield from session_groups(folder, capture, periods.extent)
     elif capture is not None:
         raise typer.BadParameter("pictures have no captures; give a session folder", param_hint="--capture")
     elif steps is None:
         raise typer.BadParameter("state the phase shifts of the pictures, such as 0,120,240", param_hint="--steps")
     else:
         demand_channel(channel)
-        several = tuple(_numbers(periods, "--periods")) if periods is not None else ()
-        stated = Stated(np.deg2rad(_numbers(steps, "--steps")), several, channel)
+        stated = Stated(np.deg2rad(_numbers(steps, "--steps")), periods, channel)
         yield picture_group(source if folder is None else pictures_of(folder), stated)
 
 

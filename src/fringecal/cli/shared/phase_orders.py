@@ -53,8 +53,9 @@ def counted_orders(group: Group, summaries: list[PhaseSummary]) -> tuple[FringeO
     if group.gray is not None:
         orders = named(group, orders_by_gray, maps[shortest_set(group)], group.gray)
     else:
-        orders = named(group, decide_orders, [m.phase for m in maps], [m.sigma for m in maps], group.periods)
-    return orders, named(group, absolute_phase, orders)
+        phases, sigmas = [m.phase for m in maps], [m.sigma for m in maps]
+        orders = named(group, decide_orders, phases, sigmas, group.periods, projected=group.projected)
+    return orders, named(group, absolute_phase, orders, projected=group.projected)
 
 
 def save_orders(name: str, orders: FringeOrders, absolute: AbsolutePhase, folder: Path) -> list[str]:
@@ -78,6 +79,8 @@ def orders_document(group: Group, orders: FringeOrders, absolute: AbsolutePhase,
         "undecided": orders.undecided,
         "fringes": absolute.fringes,
         "in_one_cycle": absolute.in_one_cycle,
+        "known_by": absolute.known_by,
+        "offset_rad": orders.offset_rad,
         "cycle_undecided": absolute.undecided,
         "sentences": [orders.sentence(), absolute.sentence()],
         "files": files,

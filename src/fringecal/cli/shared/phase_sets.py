@@ -1,7 +1,7 @@
 """Where `fringecal phase` finds its sets: a session's captures, a folder of pictures, or pictures by name."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,17 +27,34 @@ class PhaseSet:
 
 @dataclass(frozen=True)
 class Group:
-    """Sets of one scene; with several periods, one set for each, in the order of `periods`; Gray-code frames."""
+    """Sets of one scene; with several periods, one set for each, in the order of `periods`; Gray-code frames.
+
+    `extent` is the length of the projected picture in the unit of the periods, where it is stated.
+    """
 
     name: str
     sets: tuple[PhaseSet, ...]
     periods: tuple[float, ...] = ()
     gray: np.ndarray | None = None
+    extent: float | None = None
 
     @property
     def absolute(self) -> bool:
         """Whether orders can be decided."""
         return len(self.periods) > 1 or self.gray is not None
+
+    @property
+    def projected(self) -> float | None:
+        """Return the fringes of the shortest period in the whole projected picture, where its extent is stated."""
+        return self.extent / min(self.periods) if self.extent is not None and self.periods else None
+
+
+@dataclass(frozen=True)
+class StatedPeriods:
+    """Periods of the fringes in one unit, and the length of the projected picture in the same."""
+
+    lengths: tuple[float, ...] = ()
+    extent: float | None = None
 
 
 @dataclass(frozen=True)
@@ -45,11 +62,11 @@ class Stated:
     """What the command line states of pictures that belong to no session."""
 
     phase_shifts_rad: np.ndarray
-    periods: tuple[float, ...] = ()
+    periods: StatedPeriods = StatedPeriods()
     channel: str | None = None
 
 
-def session_groups(folder: Path, name: str | None) -> Iterator[Group]:
+def session_groups(folder: Path, name: str | None, extent: float | None = None) -> Iterator[Group]:
     """Give every phase-shifted set of a session, or of one of its captures.
 
     Raises
@@ -65,7 +82,8 @@ def session_groups(folder: Path, name: str | None) -> Iterator[Group]:
     if not shifted:
         raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
     for key in [name] if name is not None else shifted:
-        yield from _capture_groups(shifted[key], _reference_of(session, shifted[key]))
+        for group in _capture_groups(shifted[key], _reference_of(session, shifted[key])):
+            yield replace(group, extent=extent)
 
 
 def _reference_of(session: Session, capture: Capture) -> Capture | None:
@@ -140,7 +158,7 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
         A picture that cannot be read.
     """
     pictures = [read_picture(path, stated.channel) for path in paths]
-    n_steps, n_sets = len(stated.phase_shifts_rad), max(1, len(stated.periods))
+    n_steps, n_sets = len(stated.phase_shifts_rad), max(1, len(stated.periods.lengths))
     if len(paths) != n_steps * n_sets:
         names = ", ".join(path.name for path in paths[:12]) + (", ..." if len(paths) > 12 else "")
         raise PhaseError(
@@ -157,4 +175,4 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     frames = np.stack(pictures).reshape(n_sets, n_steps, *pictures[0].shape)
     labels = [name + (f"-period{k + 1}" if n_sets > 1 else "") for k in range(n_sets)]
     sets = (PhaseSet(label, part, stated.phase_shifts_rad, None) for label, part in zip(labels, frames, strict=True))
-    return Group(name, tuple(sets), stated.periods)
+    return Group(name, tuple(sets), stated.periods.lengths, extent=stated.periods.extent)

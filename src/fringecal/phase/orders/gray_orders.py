@@ -109,7 +109,8 @@ def _orders(clear: NDArray, lower: NDArray, map_: PhaseMap, cycle: int, rules: G
             "taken of the same scene, the coarsest bit first, bright where the bit is 1"
         )
     asked = float((decided & np.isnan(clear)).sum() / count)
-    return FringeOrders(known, cycle, (), (), 0.0, asked, float((map_.valid & ~decided).sum() / count))
+    undecided = float((map_.valid & ~decided).sum() / count)
+    return FringeOrders(known, cycle, (), (), 0.0, asked, undecided, numbers_all=True)
 
 
 def _edges(code: NDArray, valid: NDArray[np.bool_], phase: NDArray, rules: GrayRules) -> NDArray:

@@ -5,7 +5,7 @@ periods agree best. With a longest fringe over the whole field that is hierarchi
 close to one another it is the beat (heterodyne), with several of either kind it is both at once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +15,8 @@ from scipy import special
 from fringecal.errors import PhaseError
 from fringecal.numerics import TURN, wrap
 from fringecal.phase.orders import order_kernels
+from fringecal.phase.orders.period_cycle import ORDER_RULES, OrderRules, PeriodSample, cycle_of, nearest_orders
+from fringecal.phase.orders.period_zeros import Zeros, find_zeros
 
 NEAR_PLATE_RAD = 0.35
 """Most that a pixel of bare plate may be off the plate's phase, as a rig or a model counts it, rad.
@@ -26,55 +28,10 @@ plate does so over a ninth of a fringe; twice as far, over two ninths.
 LEAST_PLATE_PIXELS = 200
 """Pixels on the plate's phase that decide an order by it; fewer are a flank that passes through it."""
 
-_MOST_FRINGES = 1024  # of a cycle: 1024 orders are tried at every pixel, and a projector shows no more fringes
-# A cycle ends where the periods meet again: to within 0.25 rad, which noise hides, and so much closer than before.
-_MEETS_TURNS, _CLOSER = 0.04, 0.5
 _RATIO_TOLERANCE = 1e-4  # of a ratio of periods, within which two sets are of the same periods
+_BEYOND = 2  # orders beyond the stated number: a fringe is cut at either end
+_NAMED_DEG = 3.0  # from which an offset is named: three times what noise and ripple leave of it
 _LEAD = 3  # times as many pixels as for any other number must agree on the plate's
-_CHI2_MEDIAN = 0.455  # median of chi squared with one degree of freedom
-
-
-@dataclass(frozen=True)
-class OrderRules:
-    """When longer periods decide the order of a fringe. Chi-squared is in squares of standard uncertainties.
-
-    Parameters
-    ----------
-    clear
-        Lead in chi-squared over the second best order from which a pixel decides by itself: the likelihood of the
-        second is exp(-15 / 2) of the first's, 1 in 1800.
-    most_chi_squared
-        Chi-squared per further period up to which a pixel's best order is accepted: five standard uncertainties.
-    wrong_periods
-        Median chi-squared per further period from which the stated periods are refused; 1 where they are right, and
-        twice the stated uncertainty makes 4.
-    model_rad
-        Standard uncertainty of each longer phase beside noise, rad: what is left of ripple when phase shifts and gamma
-        are corrected (0.001 to 0.02 rad, docs/phase.md).
-    most_model
-        Share of the distance between two orders that further ripple, as the pictures show it, may add to the
-        uncertainty; more, and the orders' own distance would be taken for ripple.
-    seen
-        Distance between two orders in standard uncertainties from which an offset of the longer fringe is looked for.
-    least_agreement, least_offset
-        An offset is believed from this length of the mean direction of the remainders (0 to 1), and this share of the
-        distance between two orders; a smaller one is noise, and harmless.
-    sample
-        Pixels from which chi-squared are taken: their median is known to 1 %.
-    """
-
-    clear: float = 15.0
-    most_chi_squared: float = 25.0
-    wrong_periods: float = 4.0
-    model_rad: float = 0.02
-    most_model: float = 0.1
-    seen: float = 6.0
-    least_agreement: float = 0.5
-    least_offset: float = 0.05
-    sample: int = 40_000
-
-
-ORDER_RULES = OrderRules()
 
 
 @dataclass(frozen=True)
@@ -97,6 +54,10 @@ class FringeOrders:
         Share of the pixels that carry a phase whose order their neighbours decided.
     undecided
         Share of the pixels that carry a phase whose order is open.
+    offset_rad
+        Constant that the phases of all periods share, rad: -pi / 2 for sines; None where the zeros are others.
+    numbers_all
+        True if `phase` numbers every fringe that is projected: nothing comes back after a cycle.
     """
 
     phase: NDArray[np.float32]
@@ -106,6 +67,8 @@ class FringeOrders:
     error_rate: float
     asked: float
     undecided: float
+    offset_rad: float | None = 0.0
+    numbers_all: bool = False
 
     def of(self, phase: ArrayLike) -> "FringeOrders":
         """Return the same orders for another wrapped phase of the same scene, such as a filtered one, rad, (H, W)."""
@@ -124,8 +87,17 @@ class FringeOrders:
         return (
             f"orders by {len(self.ratios) + 1} periods, known within {self.cycle} fringes; noise would make "
             f"{share} of them wrong, so {self.asked:.2%} of the pixels were decided with their neighbours; "
-            f"{self.undecided:.2%} stay undecided"
+            f"{self.undecided:.2%} stay undecided{self._offset()}"
         )
+
+    def _offset(self) -> str:
+        """Say what constant was found, if it is more than what noise may make."""
+        degrees = 0.0 if self.offset_rad is None else float(np.rad2deg(self.offset_rad))
+        if abs(degrees) < _NAMED_DEG:
+            return ""
+        quarter = abs(abs(degrees) - 90) < _NAMED_DEG  # noqa: PLR2004 -- a quarter of a fringe
+        named = "; the fringes are sines, not cosines: " if quarter else "; "
+        return f"{named}all periods' phases are offset by {degrees:.0f} deg, which is allowed for"
 
 
 @dataclass(frozen=True)
@@ -188,43 +160,13 @@ def plate_number(orders: FringeOrders, plate_rad: ArrayLike) -> int | None:
     return int(votes.argmax()) if first >= max(LEAST_PLATE_PIXELS, _LEAD * second) else None
 
 
-def cycle_of(ratios: ArrayLike) -> int:
-    """Return after how many of the shortest fringes all periods meet again.
-
-    Parameters
-    ----------
-    ratios
-        Shortest period over each longer one, between 0 and 1.
-
-    Notes
-    -----
-    Fringes are distinguished by the phases `2 pi ratio n` of the longer ones. The cycle is the first n at which
-    these come back to within 0.04 of a turn, and twice as close as at any n before.
-
-    Raises
-    ------
-    PhaseError
-        Ratios that are not between 0 and 1, or no cycle within 1024 fringes.
-
-    Examples
-    --------
-    >>> cycle_of([2 / 3]), cycle_of([1 / 8]), cycle_of([1 / 8, 1 / 64]), cycle_of([0.93])
-    (3, 8, 64, 14)
-    """
-    shares = np.asarray(ratios, np.float64).ravel()
-    if shares.size == 0 or not ((shares > 0) & (shares < 1)).all():
-        raise PhaseError(f"ratios of periods are {shares.tolist()}; needed: shortest over longer, between 0 and 1")
-    turns = np.outer(np.arange(1, _MOST_FRINGES + 1), shares)
-    apart = np.abs(turns - np.rint(turns)).max(axis=1)
-    closest = np.minimum.accumulate(np.concatenate([[np.inf], apart[:-1]]))
-    closing = np.flatnonzero((apart < np.minimum(_CLOSER * closest, _MEETS_TURNS)) & np.isfinite(closest))
-    if closing.size == 0:
-        raise PhaseError(f"periods with ratios {shares.tolist()} do not meet again within {_MOST_FRINGES} fringes")
-    return int(closing[0]) + 1
-
-
 def decide_orders(
-    phases: ArrayLike, sigmas: ArrayLike, periods: Sequence[float], *, rules: OrderRules = ORDER_RULES
+    phases: ArrayLike,
+    sigmas: ArrayLike,
+    periods: Sequence[float],
+    *,
+    projected: float | None = None,
+    rules: OrderRules = ORDER_RULES,
 ) -> FringeOrders:
     """Decide the order of the shortest fringe at each pixel from the longer ones.
 
@@ -236,6 +178,8 @@ def decide_orders(
         Their standard uncertainties, rad, (K, H, W).
     periods
         Fringe periods in any one unit, in the order of the maps; all fringes rise the same way.
+    projected
+        Fringes of the shortest period in the whole projected picture, where that is known: no more orders are tried.
     rules
         When an order is decided.
 
@@ -246,25 +190,26 @@ def decide_orders(
     5 x 5 pixels decide. A pixel that has fewer than three neighbours within half a fringe stays undecided. With one
     longer period the share of errors is `erfc(pi r_k / (sqrt 2 u_k))` for r_k = 1/8, 1/9, ..., as of Huntley and
     Saldner's rule (`order_error_rate`).
-    A zero that is not at the same place for all periods is found from the pictures, up to whole orders.
+    Zeros that are not at the same place for all periods are found from the pictures, up to whole orders
+    (`find_zeros`): a constant that all phases share, as where sines are taken for cosines, or each its own.
 
     Raises
     ------
     PhaseError
-        Fewer than two periods, two that are equal, or periods that the pictures contradict.
+        Fewer than two periods, two that are equal, or periods that the pictures contradict; a reading of the periods
+        that the pictures do not contradict is named.
     """
     maps, u_maps = np.asarray(phases, np.float32), np.asarray(sigmas, np.float32)
     lengths = np.asarray(periods, np.float64)
     _demand(maps, u_maps, lengths)
-    fine = int(np.argmin(lengths))
-    others = [k for k in range(len(lengths)) if k != fine]
-    ratios = lengths[fine] / lengths[others]
-    cycle = cycle_of(ratios)
-    phi, sigma = maps[fine], u_maps[fine]
-    long, u_long = np.ascontiguousarray(maps[others]), _combined(u_maps[others], sigma, ratios, rules)
-    zeros = np.array([_zero(phi, *pair, rules) for pair in zip(long, u_long, ratios, strict=True)])
-    u_long = _with_model(phi, long, u_long, ratios, zeros, cycle, lengths, rules)
-    order, asked = order_kernels.orders(phi, long, u_long, ratios, zeros, cycle, rules.clear, rules.most_chi_squared)
+    read = _read(maps, u_maps, lengths, projected, rules)
+    if read.left > rules.wrong_periods:
+        raise PhaseError(_refusal(read, maps, u_maps, lengths, rules))
+    phi, cycle, zeros, ratios = read.phi, read.cycle, read.zeros.rad, read.ratios
+    u_long = np.hypot(read.u_long, read.more[:, None, None]).astype(np.float32)
+    order, asked = order_kernels.orders(
+        phi, read.long, u_long, ratios, zeros, cycle, rules.clear, rules.most_chi_squared
+    )
     absolute = np.where(order >= 0, phi + np.float32(TURN) * order, np.float32(np.nan)).astype(np.float32)
     absolute[order_kernels.alone(absolute, TURN * cycle)] = np.nan
     known, valid = np.isfinite(absolute), np.isfinite(phi)
@@ -274,9 +219,11 @@ def decide_orders(
         cycle=cycle,
         ratios=tuple(ratios.tolist()),
         zeros_rad=tuple(zeros.tolist()),
-        error_rate=_error_rate(_sampled(phi, long, u_long, rules)[2], ratios, cycle),
+        error_rate=_error_rate(PeriodSample.of(phi, read.long, u_long, ratios, rules.sample).u, ratios, cycle),
         asked=float((asked & known).sum() / count),
         undecided=float((valid & ~known).sum() / count),
+        offset_rad=read.zeros.offset_rad,
+        numbers_all=read.numbers_all,
     )
 
 
@@ -297,65 +244,61 @@ def _combined(u_maps: NDArray, sigma: NDArray, ratios: NDArray, rules: OrderRule
     return np.asarray(rows, np.float32)
 
 
-def _nearest(ratios: ArrayLike, cycle: int) -> float:
-    """Return how far apart the closest two orders lie in the longer fringes' phases, rad."""
-    turns = np.outer(np.arange(1, cycle), np.asarray(ratios))
-    return float(TURN * np.abs(turns - np.rint(turns)).max(axis=1).min(initial=0.5))
+@dataclass(frozen=True)
+class _Reading:
+    """Phases as one reading of the periods puts them, the zeros found, and chi-squared before and after `more`."""
+
+    phi: NDArray[np.float32]
+    long: NDArray[np.float32]
+    u_long: NDArray[np.float32]
+    ratios: NDArray[np.float64]
+    cycle: int
+    numbers_all: bool
+    zeros: Zeros
+    more: NDArray[np.float64]
+    left: float
 
 
-def _with_model(  # noqa: PLR0913, PLR0917 -- private: the whole of what orders are decided from
-    phi: NDArray,
-    long: NDArray,
-    u_long: NDArray,
-    ratios: NDArray,
-    zeros: NDArray,
-    cycle: int,
-    periods: NDArray,
-    rules: OrderRules,
-) -> NDArray[np.float32]:
-    """Add to the uncertainties what the pictures show beyond noise, if it is small beside the orders' distance."""
-    fine, coarse, u = _sampled(phi, long, u_long, rules)
-    chi_squared = _own_chi_squared(fine, coarse, u, ratios, zeros, cycle)
-    most = rules.most_model * _nearest(ratios, cycle)
-    more = np.minimum(np.sqrt(max(chi_squared - 1, 0.0)) * np.median(u, axis=1), most)
-    left = _own_chi_squared(fine, coarse, np.hypot(u, more[:, None]), ratios, zeros, cycle)
-    if left > rules.wrong_periods:
-        raise PhaseError(
-            f"the pictures do not fit the stated periods {periods.tolist()}: the phases of the longer "
-            f"fringes deviate by {np.sqrt(chi_squared):.1f} standard uncertainties from what the shortest predict. "
-            "Check the order of periods and images."
-        )
-    return np.hypot(u_long, more[:, None, None]).astype(np.float32)
+def _read(maps: NDArray, u_maps: NDArray, periods: NDArray, projected: float | None, rules: OrderRules) -> _Reading:
+    """Find zeros, and what the pictures show beyond noise, if it is small beside the orders' distance."""
+    fine = int(np.argmin(periods))
+    others = [k for k in range(len(periods)) if k != fine]
+    ratios = periods[fine] / periods[others]
+    whole = cycle_of(ratios)
+    cycle = whole if projected is None else min(whole, int(np.ceil(projected)) + _BEYOND)
+    phi, long = maps[fine], np.ascontiguousarray(maps[others])
+    u_long = _combined(u_maps[others], u_maps[fine], ratios, rules)
+    sample = PeriodSample.of(phi, long, u_long, ratios, rules.sample)
+    hidden = sample.hides(cycle, rules)
+    zeros = find_zeros(PeriodSample.around(phi, long, u_long, ratios, rules) if hidden else sample, cycle, whole, rules)
+    if hidden:
+        zeros = replace(zeros, chi_squared=sample.chi_squared(zeros.rad, cycle))
+    most = rules.most_model * nearest_orders(ratios, cycle)
+    more = np.minimum(np.sqrt(max(zeros.chi_squared - 1, 0.0)) * np.median(sample.u, axis=1), most)
+    left = sample.with_u(more).chi_squared(zeros.rad, cycle)
+    return _Reading(phi, long, u_long, ratios, cycle, cycle < whole, zeros, more, left)
 
 
-def _sampled(phi: NDArray, long: NDArray, u_long: NDArray, rules: OrderRules) -> tuple[NDArray, NDArray, NDArray]:
-    """Return pixels that all periods know: phase (M,), longer phases and their u (K - 1, M)."""
-    step = max(1, int(np.sqrt(phi.size / rules.sample)))
-    known = np.isfinite(phi[::step, ::step]) & np.isfinite(long[:, ::step, ::step]).all(axis=0)
-    if not known.any():
-        raise PhaseError("no pixel carries fringes of all periods: check that the sets show the same scene")
-    return phi[::step, ::step][known], long[:, ::step, ::step][:, known], u_long[:, ::step, ::step][:, known]
+def _refusal(read: _Reading, maps: NDArray, u_maps: NDArray, periods: NDArray, rules: OrderRules) -> str:
+    """Say that the pictures contradict the periods, and which other reading of these they do not contradict."""
+    fits = [words for words, other in _other_readings(periods) if _fits(maps, u_maps, other, rules)]
+    advice = f"They fit {' or '.join(fits)}." if fits else "Check the order of periods and images."
+    return (
+        f"the pictures do not fit the stated periods {periods.tolist()}: the phases of the longer fringes deviate by "
+        f"{np.sqrt(read.zeros.chi_squared):.1f} standard uncertainties from what the shortest predict. {advice}"
+    )
 
 
-def _zero(phi: NDArray, long: NDArray, u_long: NDArray, ratio: float, rules: OrderRules) -> float:
-    """Return the longer fringe's phase where the shortest one's is 0, as near to 0 as whole orders allow, rad."""
-    near = _nearest([ratio], cycle_of([ratio]))
-    fine, coarse, u = _sampled(phi, long[None], u_long[None], rules)
-    if rules.seen * np.median(u) > near:
-        return 0.0
-    # Orders lie `near` apart, so that the remainder of it is the same for all of them.
-    turned = np.mean(np.exp(1j * (coarse[0].astype(float) - ratio * fine) * TURN / near))
-    offset = float(np.angle(turned) * near / TURN)
-    return offset if abs(turned) > rules.least_agreement and abs(offset) > rules.least_offset * near else 0.0
+def _other_readings(periods: NDArray) -> Iterator[tuple[str, NDArray]]:
+    """Give what else a list of periods may mean, in words and as periods."""
+    counts = ", ".join(f"{count:g}" for count in periods)
+    yield f"if the numbers are fringes in the picture and not lengths (--counts {counts})", 1 / periods
+    yield "if the sets stand in the reversed order", periods[::-1]
 
 
-def _own_chi_squared(fine: NDArray, long: NDArray, u: NDArray, ratios: NDArray, zeros: NDArray, cycle: int) -> float:
-    """Return the mean chi-squared per further period of the best order, outliers left out."""
-    best = np.full(fine.size, np.inf)
-    for n in range(cycle):
-        off = wrap(long - ratios[:, None] * (fine + TURN * n) - zeros[:, None])
-        best = np.minimum(best, ((off / u) ** 2).sum(axis=0))
-    return float(np.median(best) / _CHI2_MEDIAN / len(ratios))
+def _fits(maps: NDArray, u_maps: NDArray, periods: NDArray, rules: OrderRules) -> bool:
+    """Tell whether the pictures fit a reading of the periods as well as those of the right one do."""
+    return _read(maps, u_maps, periods, None, rules).left <= rules.wrong_periods
 
 
 def _error_rate(u: NDArray, ratios: NDArray, cycle: int) -> float:
