@@ -71,7 +71,7 @@ DISK_FUNCTIONS_OF = {
     "np": {"load", "save"},
     "os": {"remove", "replace", "stat", "scandir", "listdir", "walk"},
 }
-DISK_MODULES = {"sqlalchemy", "fastparquet", "tifffile", "shutil", "tempfile", "sqlite3", "x3pio", "imageio"}
+DISK_MODULES = {"sqlalchemy", "pyarrow", "tifffile", "shutil", "tempfile", "sqlite3", "x3pio", "imageio"}
 WRITES = {"mkdir", "makedirs", "rmdir", "unlink", "rename", "touch", "write_text", "write_bytes", "imwrite"}
 
 OPENCV_ROOMS = {"session", "detect", "phase", "camera", "reconstruct"}

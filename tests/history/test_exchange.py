@@ -1,11 +1,15 @@
 """Out to a table and in again: the same rows, and hand-made tables with their faults."""
 
+import contextlib
+import random
+
 import pandas as pd
 import pytest
 
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Reading
 from fringecal.history.exchange import export_table, flat_table, import_table
+from fringecal.history.parquet_files import read_parquet
 from fringecal.history.store import open_history
 
 from .conftest import make_entry
@@ -77,3 +81,82 @@ def test_other_suffixes_and_broken_files_are_refused(history, tmp_path):
         (tmp_path / "broken.parquet").write_bytes(content)
         with pytest.raises(HistoryError, match="not a table"):
             import_table(history, tmp_path / "broken.parquet")
+
+
+# ---- damaged and oversized Parquet: its earlier reader ended the process on one damaged file in a hundred ------------
+def parquet_bytes(tmp_path, columns) -> bytes:
+    arrow, parquet = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    parquet.write_table(arrow.table(columns), tmp_path / "made.parquet")
+    return (tmp_path / "made.parquet").read_bytes()
+
+
+def test_damaged_parquet_is_read_or_refused(history, tmp_path):
+    history.append([make_entry(k) for k in range(1, 9)])
+    file = tmp_path / "table.parquet"
+    export_table(history, file)
+    content, draw = file.read_bytes(), random.Random(20)
+    footer = int.from_bytes(content[-8:-4], "little")
+    for _ in range(150):
+        damaged = bytearray(content)
+        first = draw.choice([4, len(content) - 8 - footer])  # anywhere, or in the footer
+        for _ in range(draw.choice([1, 2, 16])):
+            damaged[draw.randrange(first, len(content) - 8)] = draw.randrange(256)
+        file.write_bytes(damaged)
+        with open_history(tmp_path / "second.db") as second, contextlib.suppress(HistoryError):
+            import_table(second, file)
+
+
+def test_a_long_text_is_unpacked_once_however_often_it_stands_there(tmp_path):
+    arrow = pytest.importorskip("pyarrow")
+    text, rows = "x" * 100_000, 100_000  # 10 GB, if each were an object of its own
+    column = arrow.DictionaryArray.from_arrays(arrow.array([0] * rows, arrow.int32()), arrow.array([text]))
+    read = read_parquet(parquet_bytes(tmp_path, {"rig": column}))["rig"]
+    assert len(read) == rows
+    assert read[0] is read[rows - 1]
+    assert read[0] == text
+
+
+def test_parquet_that_is_no_plain_table_or_too_large_is_refused(tmp_path):
+    for columns, what in (
+        ({"value": [0.0] * 1_000_001}, "1000001 rows, at most 1000000"),
+        ({f"c{k}": [1.0] for k in range(65)}, "65 columns"),
+        ({"value": [[1.0, 2.0]]}, "columns of columns"),
+    ):
+        with pytest.raises(ValueError, match=what):
+            read_parquet(parquet_bytes(tmp_path, columns))
+
+
+def test_tables_by_other_programs_have_times_and_whole_numbers(history, tmp_path):
+    columns = {
+        "rig": ["a", "a"],
+        "captured": pd.to_datetime(["2019-05-01", "2020-05-01"]),
+        "quantity": pd.Categorical(["q", "q"]),
+        "value": [1, 2],
+    }
+    pytest.importorskip("pyarrow")
+    pd.DataFrame(columns).to_parquet(tmp_path / "own.parquet", index=False)
+    assert import_table(history, tmp_path / "own.parquet") == 2
+    rows = history.readings()
+    assert list(rows["captured"]) == ["2019-05-01T00:00:00+00:00", "2020-05-01T00:00:00+00:00"]
+    assert list(rows["value"]) == [1.0, 2.0]
+
+
+def test_csv_of_excessive_size_is_refused(history, tmp_path, monkeypatch):
+    file = tmp_path / "t.csv"
+    for text, what in (
+        ("rig," * 5000 + "\n", "first line"),
+        ("rig,captured,quantity,value\na,2019,q,1,9\n", "not a table"),
+    ):
+        file.write_text(text)
+        with pytest.raises(HistoryError, match=what):
+            import_table(history, file)
+    monkeypatch.setattr("fringecal.history.exchange._MOST_BYTES", 10)
+    with pytest.raises(HistoryError, match="at most 10 are read"):
+        import_table(history, file)
+    with pytest.raises(HistoryError, match="something else"):
+        import_table(history, make_folder(tmp_path / "folder.csv"))
+
+
+def make_folder(path):
+    path.mkdir()
+    return path

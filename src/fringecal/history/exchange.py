@@ -2,6 +2,7 @@
 
 import hashlib
 import io
+import stat
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,11 +13,13 @@ import pandas as pd
 
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Entry, Reading
+from fringecal.history.parquet_files import MOST_ROWS, read_parquet, write_parquet
 from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
 from fringecal.records import replacing, write_table
 
 NEEDED = ("rig", "captured", "quantity", "value")
-_PARQUET = b"PAR1"  # first and last four bytes of every Parquet file
+_MOST_BYTES = 1 << 28  # 256 bytes for each of the readings that are read
+_LONGEST_HEADER = 1 << 14  # bytes: the columns' names take 180
 _OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)
 COLUMNS = (*_OF_ENTRY, *READING_COLUMNS)
 _NUMBERS = frozenset(
@@ -54,9 +57,8 @@ def export_table(history: History, path: str | Path, rig: str | None = None) -> 
     if file.suffix == ".csv":
         write_table(file, table)
     elif file.suffix == ".parquet":
-        parquet = _parquet()
         with replacing(file) as sibling:
-            parquet.write(str(sibling), table, write_index=False)
+            write_parquet(table, str(sibling))
     else:
         raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
     return len(table)
@@ -78,38 +80,40 @@ def import_table(history: History, path: str | Path) -> int:
 
 
 def _read(file: Path) -> pd.DataFrame:
+    if file.suffix not in (".csv", ".parquet"):
+        raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
+    content = _content(file)
     try:
-        data = file.read_bytes()
-        content = io.BytesIO(data)
-        if file.suffix == ".parquet":
-            _demand_parquet(data)
-            return _parquet().ParquetFile(content).to_pandas()
-        if file.suffix == ".csv":
-            return pd.read_csv(content, dtype=str, keep_default_na=False, na_values=[""])
-    except OSError as error:
-        raise HistoryError(f"{file}: cannot be read ({error.strerror or error})") from error
+        return read_parquet(content) if file.suffix == ".parquet" else _read_csv(content)
     except HistoryError:
         raise
     except Exception as error:  # the libraries' own errors have no common parent
         raise HistoryError(f"{file}: not a table ({' '.join(str(error).split())})") from error
-    raise HistoryError(f"{file}: a file ending in .csv or .parquet was needed")
 
 
-def _demand_parquet(data: bytes) -> None:
-    """Refuse what does not begin and end as Parquet does: its reader crashes the process on some such files.
+def _content(file: Path) -> bytes:
+    """Read a file that is one, and not larger than a table may be."""
+    try:
+        there = file.stat()
+        if not stat.S_ISREG(there.st_mode):
+            raise HistoryError(f"{file}: a file was needed; this is something else")
+        if there.st_size > _MOST_BYTES:
+            raise HistoryError(f"{file}: {there.st_size} bytes, at most {_MOST_BYTES} are read; import it in parts")
+        return file.read_bytes()
+    except OSError as error:
+        raise HistoryError(f"{file}: cannot be read ({error.strerror or error})") from error
 
-    A file is ``PAR1``, column chunks, footer, length of the footer (4 bytes, little-endian), ``PAR1`` (Apache Parquet
-    file format).
 
-    Raises
-    ------
-    ValueError
-        It is cut short, or something else.
-    """
-    least = 2 * len(_PARQUET) + 4
-    footer = int.from_bytes(data[-8:-4], "little") if len(data) >= least else 0
-    if data[:4] != _PARQUET or data[-4:] != _PARQUET or not 0 < footer <= len(data) - least:
-        raise ValueError("a Parquet file begins and ends with PAR1; this one does not, or is cut short")
+def _read_csv(content: bytes) -> pd.DataFrame:
+    if content.find(b"\n", 0, _LONGEST_HEADER) < 0 and len(content) > _LONGEST_HEADER:
+        raise ValueError(f"its first line is longer than {_LONGEST_HEADER} bytes")
+    # Without an index of its own a row that is longer than the first is refused, not shifted.
+    rows = pd.read_csv(
+        io.BytesIO(content), dtype=str, keep_default_na=False, na_values=[""], index_col=False, nrows=MOST_ROWS + 1
+    )
+    if len(rows) > MOST_ROWS:
+        raise ValueError(f"more than {MOST_ROWS} rows; import it in parts")
+    return rows
 
 
 def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
@@ -195,11 +199,3 @@ def _readings(group: pd.DataFrame) -> Iterator[Reading]:
                 f"{row['quantity']} of {group.iloc[0]['captured']} has no value; give one or drop the row"
             )
         yield Reading(**{str(name): value for name, value in row.items()} | {"unit": row["unit"] or ""})
-
-
-def _parquet() -> Any:
-    try:
-        import fastparquet
-    except ImportError as error:
-        raise HistoryError("Parquet needs the package fastparquet: install the extra `parquet`, or use .csv") from error
-    return fastparquet
