@@ -10,11 +10,21 @@ from fringecal.camera.lens.rich_lens import RATIONAL, RichLens
 from fringecal.camera.plate.plate_camera import PlateCamera
 from fringecal.camera.plate.plate_fit import fit_plate_camera
 from fringecal.errors import FitError, RecordError
-from fringecal.records.exports.cameramodel import cameramodel_text, parse_lens, read_lens, rich_lens_text, write_lens
+from fringecal.records.exports.cameramodel import (
+    cameramodel_text,
+    opencv_text,
+    parse_lens,
+    read_lens,
+    rich_lens_text,
+    write_lens,
+)
 
 VALUES = np.array([800.0, 801.0, 321.0, 238.0, -0.1, 0.02, 0.001, -0.002, 0.01])
 SIGMAS = np.array([1.5, 1.5, 0.8, 0.8, 2e-3, 4e-3, 1e-4, 1e-4, 1e-3])
 LENS = Lens(VALUES, np.diag(SIGMAS**2) + 0.3 * np.outer(SIGMAS, SIGMAS), 640, 480)
+PINHOLE = "{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 1, 2, 2], 'imagersize': SIZE}"
+NEGATIVE = [[1 + (i == j) * (-3 if i == 4 else 1) for j in range(9)] for i in range(9)]  # a variance of -1
+YAML = opencv_text(LENS)
 
 
 @pytest.mark.parametrize("name", ["lens.cameramodel", "lens.yml"])
@@ -66,7 +76,7 @@ def test_camera_on_the_plate_is_a_lens_too():
     [
         ("", "neither"),
         ("not a model", "neither"),
-        ("[1, 2]", "no entries"),
+        ("[1, 2]", "neither"),
         ("{'lensmodel': 'LENSMODEL_CAHVOR', 'intrinsics': [1], 'imagersize': [4, 3]}", "mrcal-convert-lensmodel"),
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 2], 'imagersize': [4, 3]}", "4 intrinsics, found 2"),
         ("{'lensmodel': 'LENSMODEL_PINHOLE', 'intrinsics': [1, 1, 2, 2]}", "imagersize"),
@@ -74,9 +84,24 @@ def test_camera_on_the_plate_is_a_lens_too():
         (
             "{'lensmodel': 'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=9_Ny=9_fov_x_deg=60', 'imagersize': [640, 480], "
             "'intrinsics': [800, 800, 320, 240, 0]}",
-            "cannot be used",
+            "166 intrinsics, found 5",
+        ),
+        (
+            "{'lensmodel': 'LENSMODEL_SPLINED_STEREOGRAPHIC_order=3_Nx=9999_Ny=9999_fov_x_deg=60', 'imagersize': "
+            "[9, 9], 'intrinsics': [800, 800, 320, 240, 0]}",
+            "knots",
         ),
         ("camera_matrix: !!opencv-matrix\n rows: 2", "camera_matrix"),
+        (PINHOLE.replace("SIZE", "[4, " + "9" * 5000 + "]"), "more than the 40 characters"),
+        (PINHOLE.replace("SIZE", "[1e400, 3]"), "imagersize"),
+        (PINHOLE.replace("SIZE", "[70000, 3]"), "65535"),
+        (PINHOLE.replace("SIZE", "[4, 3], 'lens_covariance': [[1], [1, 2]]"), "positive semi-definite"),
+        (PINHOLE.replace("SIZE", f"[4, 3], 'lens_covariance': {[[1e999] * 9] * 9}"), "neither"),
+        (PINHOLE.replace("SIZE", f"[4, 3], 'lens_covariance': {NEGATIVE}"), "positive semi-definite"),
+        ("{'a': " + "[" * 100_000, "nested deeper than the 16"),
+        ("{'a': " + "-" * 100_000 + "1}", "neither"),
+        (YAML.replace("image_width: 640", "image_width: " + "9" * 5000), "image_width"),
+        (YAML.replace("rows: 3", "rows: 999999999"), "as many numbers"),
     ],
 )
 def test_nonsense_is_refused(text, reason):

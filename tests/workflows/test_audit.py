@@ -218,7 +218,8 @@ def test_a_record_says_it_all_and_is_read_back(in_force, tmp_path, unchanged):
     found = in_force.audited(taken(lamp, tmp_path / "s", 5))
     (tmp_path / "calibration.json").write_text("{}")
     record = audit_record(found, tmp_path / "calibration.json")
-    assert read_audit(write_audit(record, tmp_path)).model_copy(update={"digest": None}) == record
+    again = read_audit(write_audit(record, tmp_path))
+    assert again.model_dump(exclude={"digest"}) == record.model_dump(exclude={"digest"})
     assert record.changed
     assert record.causes[0].name == "lamp moved"
     assert record.verdict == severest(record.checks) != "pass"

@@ -275,8 +275,8 @@ def test_a_standard_that_took_no_part_is_refused(record, sha256, lab):
         ('format = 1\nreport = { number = "  " }', "report.number"),
         ('format = 1\nreport = { place = "attic" }', "report.place"),
         ("format = 1\nconditions = { humidity_percent = [nan] }", "humidity_percent"),
-        ("format = [", "no TOML"),
-        ("\0", "no TOML"),
+        ("format = [", "not valid TOML"),
+        ("\0", "not valid TOML"),
     ],
 )
 def test_a_file_that_is_none_of_the_laboratorys_is_refused(tmp_path, text, reason):

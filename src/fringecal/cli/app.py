@@ -1,12 +1,13 @@
 """The `fringecal` command: collects the verbs and turns errors into one message and an exit code."""
 
 import importlib
+import os
 import sys
 
 import typer
 
 from fringecal import __version__
-from fringecal.cli.shared.console import complain
+from fringecal.cli.shared.console import complain, prepare_streams
 from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS
 from fringecal.errors import FringecalError
 
@@ -59,11 +60,18 @@ def build_app(only: str | None = None) -> typer.Typer:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance, 130 interrupted."""
+    prepare_streams()
     try:
         given = sys.argv[1:] if arguments is None else arguments
         build_app(given[0] if given else None)(args=given)
     except FringecalError as error:
         complain(error)
+        sys.exit(EXIT_ERROR)
+    except BrokenPipeError:  # whoever read the output has enough of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(EXIT_ERROR)
+    except (OSError, MemoryError, RecursionError) as error:
+        complain(FringecalError(_of_the_system(error)))
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
         _print_interrupted()
@@ -72,6 +80,15 @@ def main(arguments: list[str] | None = None) -> None:
         if stop.code == EXIT_INTERRUPTED:
             _print_interrupted()
         raise
+
+
+def _of_the_system(error: BaseException) -> str:
+    """Say what the operating system or the machine refused, and where."""
+    if isinstance(error, OSError):
+        where = error.filename if error.filename is not None else "a file or folder"
+        return f"{where}: {error.strerror or error}; see that it is there and may be read or written"
+    short = "memory" if isinstance(error, MemoryError) else "levels for what is nested so deeply"
+    return f"not enough {short}; give smaller files"
 
 
 def _print_interrupted() -> None:

@@ -38,7 +38,9 @@ def check(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-check/1)."),
 ) -> None:
     """Load, check, print."""
-    outcome = check_session(session)
+    from fringecal.records import lens_of_bytes
+
+    outcome = check_session(session, read_model=lens_of_bytes)
     if as_json:
         print_json(check_report(outcome).model_dump(mode="json"))
     else:

@@ -1,7 +1,6 @@
 """`fringecal procedure`: the written procedures, walked step by step beside the session folder."""
 
 import difflib
-import json
 import shlex
 from collections.abc import Sequence
 from importlib import resources
@@ -14,7 +13,7 @@ from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.exit_codes import EXIT_ERROR
-from fringecal.errors import FringecalError
+from fringecal.errors import FringecalError, RecordError
 from fringecal.session import SessionCheck, check_session
 from fringecal.workflows.procedure import Page, StepState, Walk, parse_page, walk
 
@@ -83,8 +82,10 @@ def run(
 
     Example: fringecal procedure run commissioning --session bench/2026-11-22 --out calibration
     """
+    from fringecal.records import lens_of_bytes
+
     page = _page(name)
-    check = check_session(session)
+    check = check_session(session, read_model=lens_of_bytes)
     found = walk(page, check)
     wanted = page.calibration and calibration is None
     arguments = _arguments(page, check, calibration, out)
@@ -137,15 +138,18 @@ def _placed(word: str, check: SessionCheck) -> str:
 
 def _done_before(check: SessionCheck, calibration: Path | None, out: Path) -> Path | None:
     """Return the record in `out` if it was made from these very files and this very calibration."""
-    from fringecal.records import sha256_of
+    from fringecal.records import CalibrationRecord, read_record, sha256_of
 
     for file in (out / name for name in _RECORDS):
         if check.session is None or not file.is_file():
             continue
-        record = json.loads(file.read_text(encoding="utf-8"))
-        inputs = {row["file"]: row["sha256"] for row in record.get("inputs", [])}
+        try:
+            record, _ = read_record(file)
+        except RecordError:
+            continue  # what cannot be read was not made from these files
+        inputs = {row.file: row.sha256 for row in record.inputs}
         same = inputs.items() <= check.session.inputs.items()
-        used = record.get("calibration", {}).get("sha256")
+        used = None if isinstance(record, CalibrationRecord) else record.calibration.sha256
         if calibration is not None and calibration.is_dir():
             calibration = calibration / "calibration.json"
         if inputs and same and (used is None or (calibration is not None and used == sha256_of(calibration))):

@@ -13,8 +13,9 @@ from fringecal.records import (
     Check,
     EstimateRecord,
     VerificationRecord,
-    read_record,
+    record_bytes,
     record_file,
+    record_of_bytes,
 )
 from fringecal.uncertainty import Estimate, en_score
 
@@ -84,9 +85,9 @@ def read_entry(path: str | Path) -> Entry:
     RecordError
         The folder holds no record or several, or the file is none, damaged, or newer than this version.
     """
-    file = record_file(path)
-    record, kind = read_record(file)
-    return _entry(record, kind.name, file.read_bytes(), str(path))
+    content = record_bytes(file := record_file(path))
+    record, kind = record_of_bytes(content, str(file))
+    return _entry(record, kind.name, content, str(path))
 
 
 def _entry(record: Any, kind: str, text: bytes, source: str) -> Entry:

@@ -2,7 +2,6 @@
 
 import hashlib
 import io
-import stat
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from fringecal.errors import HistoryError
+from fringecal.guarded import Refusal, bytes_of, quoted
 from fringecal.history.entries import Entry, Reading
 from fringecal.history.parquet_files import MOST_ROWS, read_parquet, write_parquet
 from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
@@ -94,14 +94,9 @@ def _read(file: Path) -> pd.DataFrame:
 def _content(file: Path) -> bytes:
     """Read a file that is one, and not larger than a table may be."""
     try:
-        there = file.stat()
-        if not stat.S_ISREG(there.st_mode):
-            raise HistoryError(f"{file}: a file was needed; this is something else")
-        if there.st_size > _MOST_BYTES:
-            raise HistoryError(f"{file}: {there.st_size} bytes, at most {_MOST_BYTES} are read; import it in parts")
-        return file.read_bytes()
-    except OSError as error:
-        raise HistoryError(f"{file}: cannot be read ({error.strerror or error})") from error
+        return bytes_of(file, _MOST_BYTES)
+    except Refusal as error:
+        raise HistoryError(f"{file}: {error}; give a table, a large one in parts") from error
 
 
 def _read_csv(content: bytes) -> pd.DataFrame:
@@ -151,9 +146,9 @@ def _cell(value: Any, name: str, place: str) -> Any:
         return None
     try:
         return _parsed(value, name)
-    except ValueError:
+    except (ValueError, OverflowError):  # a year that no calendar has
         needed = "a finite number" if name in _NUMBERS else "a time such as 2026-11-22T10:00:00Z"
-        raise HistoryError(f"{place}: {name} is {value!r}; {needed} was needed") from None
+        raise HistoryError(f"{place}: {name} is {quoted(value)}; {needed} was needed") from None
 
 
 def _parsed(value: Any, name: str) -> str | float:

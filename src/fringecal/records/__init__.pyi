@@ -86,10 +86,16 @@ from .certificates.laboratory import (
     read_laboratory as read_laboratory,
 )
 from .documents import (
+    record_bytes as record_bytes,
+)
+from .documents import (
     write_document as write_document,
 )
 from .exports.cameramodel import (
     CAMERAMODEL_FILE as CAMERAMODEL_FILE,
+)
+from .exports.cameramodel import (
+    lens_of_bytes as lens_of_bytes,
 )
 from .exports.cameramodel import (
     read_lens as read_lens,
@@ -153,6 +159,9 @@ from .kinds_of_record import (
 )
 from .kinds_of_record import (
     record_file as record_file,
+)
+from .kinds_of_record import (
+    record_of_bytes as record_of_bytes,
 )
 from .lens_record import (
     LENS_FILE as LENS_FILE,

@@ -5,11 +5,12 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
 from fringecal.errors import RecordError
+from fringecal.guarded import MOST_JSON, Refusal, bytes_of, is_folder, json_of, quoted, shortened, text_of
 from fringecal.records.files import write_text
 from fringecal.records.parts import Digested
 
@@ -33,14 +34,40 @@ def read_document[Record: BaseModel](path: str | Path, model: type[Record], form
     RecordError
         The file is missing, not JSON, of another or a newer format, or does not fit the model.
     """
-    file = Path(path) / file_name if Path(path).is_dir() else Path(path)
+    file = Path(path) / file_name if is_folder(path) else Path(path)
+    return document_of_bytes(record_bytes(file), model, form, name=str(file))
+
+
+def record_bytes(file: Path) -> bytes:
+    """Read the bytes of a record's file.
+
+    Raises
+    ------
+    RecordError
+        They cannot be read, or are more than a record has.
+    """
     try:
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
-    except UnicodeDecodeError as error:
-        raise RecordError(f"{file}: not a JSON document ({error}); it may be cut short or edited") from error
-    return parse_document(text, model, form, name=str(file))
+        return bytes_of(file, MOST_JSON)
+    except Refusal as error:
+        raise RecordError(f"{file}: {error}; give a record file") from error
+
+
+def document_of_bytes[Record: BaseModel](content: bytes, model: type[Record], form: str, *, name: str) -> Record:
+    """Check the bytes of a record against its model; a record keeps their hash (`file_sha256`).
+
+    Raises
+    ------
+    RecordError
+        As `parse_document`.
+    """
+    try:
+        text = text_of(content)
+    except Refusal as error:
+        raise RecordError(f"{name}: {error}") from error
+    record = parse_document(text, model, form, name=name)
+    if isinstance(record, Digested):
+        record.mark_read_from(hashlib.sha256(content).hexdigest())
+    return record
 
 
 def parse_document[Record: BaseModel](text: str, model: type[Record], form: str, *, name: str) -> Record:
@@ -51,7 +78,7 @@ def parse_document[Record: BaseModel](text: str, model: type[Record], form: str,
     RecordError
         The text is not JSON, of another or a newer format, or does not fit the model.
     """
-    document = _load_json(text, name)
+    document = json_document(text, name)
     _demand_format(name, document.get("format"), form)
     try:
         record = model.model_validate_json(json.dumps(document), strict=True)
@@ -109,32 +136,36 @@ def _on_one_line(match: re.Match[str]) -> str:
     return "[" + re.sub(r"\s*\n\s*", " ", match.group(1)) + "]"
 
 
-def _load_json(text: str, name: str) -> dict[str, Any]:
+def json_document(text: str, name: str) -> dict[str, Any]:
+    """Return the JSON object that a text holds.
+
+    Raises
+    ------
+    RecordError
+        It holds none, or one beyond the limits of what is read.
+    """
     try:
-        document = json.loads(text, parse_constant=_refuse_constant)
-    except (ValueError, RecursionError) as error:
-        raise RecordError(f"{name}: not a JSON document ({error}); it may be cut short or edited") from error
-    if not isinstance(document, dict):
-        raise RecordError(f"{name}: a JSON object was needed, found {type(document).__name__}")
-    return document
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is not a JSON number")
+        return json_of(text)
+    except Refusal as error:
+        raise RecordError(f"{name}: {error}") from error
 
 
 def _demand_format(where: str, found: object, needed: str) -> None:
     name, version = needed.split("/")
-    match = re.fullmatch(rf"{re.escape(name)}/(\d+)", found) if isinstance(found, str) else None
+    match = re.fullmatch(rf"{re.escape(name)}/([0-9]{{1,9}})", found) if isinstance(found, str) else None
     if match is None:
-        raise RecordError(f"{where}: format is {found!r}, needed {needed!r}; this is another kind of file")
+        raise RecordError(f"{where}: format is {quoted(found)}, needed {needed!r}; this is another kind of file")
     if int(match[1]) > int(version):
         raise RecordError(f"{where}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal")
     if match[0] != needed:
         raise RecordError(f"{where}: format {found!r} is unknown, needed {needed!r}")
 
 
+def _place(keys: tuple[int | str, ...]) -> str:
+    return shortened(".".join(map(str, keys))) or "record"
+
+
 def _faults(error: ValidationError) -> str:
-    faults = [f"{'.'.join(map(str, fault['loc'])) or 'record'}: {fault['msg']}" for fault in error.errors()]
+    faults = [f"{_place(fault['loc'])}: {shortened(fault['msg'])}" for fault in error.errors()]
     more = f"; and {len(faults) - _SHOWN_FAULTS} more" if len(faults) > _SHOWN_FAULTS else ""
     return "does not fit its format: " + "; ".join(faults[:_SHOWN_FAULTS]) + more

@@ -1,13 +1,13 @@
 """The records of a rig, whichever kind: which there are, and reading one without knowing beforehand."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import RecordError
+from fringecal.guarded import Refusal, is_file, is_folder, json_of, text_of
 from fringecal.records.audit_record import AUDIT_FILE, AUDIT_FORMAT, AuditRecord
 from fringecal.records.calibration_record import CALIBRATION_FILE, CALIBRATION_FORMAT, CalibrationRecord
-from fringecal.records.documents import read_document
+from fringecal.records.documents import document_of_bytes, record_bytes
 from fringecal.records.verification_record import VERIFICATION_FILE, VERIFICATION_FORMAT, VerificationRecord
 
 type Record = CalibrationRecord | VerificationRecord | AuditRecord
@@ -38,35 +38,28 @@ def record_file(path: str | Path) -> Path:
     RecordError
         The folder holds none, or several.
     """
-    if not Path(path).is_dir():
+    if not is_folder(path):
         return Path(path)
-    found = [Path(path) / kind.file for kind in KINDS if (Path(path) / kind.file).is_file()]
+    found = [Path(path) / kind.file for kind in KINDS if is_file(Path(path) / kind.file)]
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
         raise RecordError(f"{path}: a folder with one record was needed, found {names}; name the file")
     return found[0]
 
 
-def kind_of(file: Path) -> Kind:
-    """Return which kind of record a file holds, by the format that it states.
+def kind_of(stated: object, name: str) -> Kind:
+    """Return which kind of record states a format.
 
     Raises
     ------
     RecordError
-        The file cannot be read, or states no format of a rig's record.
+        It is no format of a rig's record; `name` is what the refusal calls the file.
     """
-    try:
-        document = json.loads(file.read_bytes())
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give a record file") from error
-    except (ValueError, RecursionError):
-        document = None
-    stated = document.get("format") if isinstance(document, dict) else None
-    name = str(stated).partition("/")[0]
-    found = next((kind for kind in KINDS if kind.format.partition("/")[0] == name), None)
+    form = str(stated).partition("/")[0]
+    found = next((kind for kind in KINDS if kind.format.partition("/")[0] == form), None)
     if found is None:
         known = ", ".join(kind.format for kind in KINDS)
-        raise RecordError(f"{file}: no record of a rig; needed one of {known}, undamaged")
+        raise RecordError(f"{name}: no record of a rig; needed one of {known}, undamaged")
     return found
 
 
@@ -79,5 +72,20 @@ def read_record(path: str | Path) -> tuple[Record, Kind]:
         As `record_file` and `kind_of`; the record is damaged, lacks a key, or is newer than this version.
     """
     file = record_file(path)
-    kind = kind_of(file)
-    return read_document(file, kind.model, kind.format, file_name=kind.file), kind
+    return record_of_bytes(record_bytes(file), str(file))
+
+
+def record_of_bytes(content: bytes, name: str) -> tuple[Record, Kind]:
+    """Return the record that the bytes of a file hold, and its kind.
+
+    Raises
+    ------
+    RecordError
+        As `read_record`; `name` is what the refusal calls the file.
+    """
+    try:
+        stated = json_of(text_of(content)).get("format")
+    except Refusal as error:
+        raise RecordError(f"{name}: no record of a rig: {error}") from error
+    kind = kind_of(stated, name)
+    return document_of_bytes(content, kind.model, kind.format, name=name), kind

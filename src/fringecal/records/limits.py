@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from fringecal.guarded import is_file, quoted
 from fringecal.records.owned import read_owned
 from fringecal.uncertainty import COVERAGE
 
@@ -114,7 +115,7 @@ def limits_for(session: str | Path, stated: str | Path | None = None) -> Limits:
     if stated is not None:
         return read_limits(stated)
     beside = Path(session) / LIMITS_FILE
-    return read_limits(beside) if beside.is_file() else DEFAULT_LIMITS
+    return read_limits(beside) if is_file(beside) else DEFAULT_LIMITS
 
 
 def _fault(error: Any) -> str:
@@ -122,7 +123,7 @@ def _fault(error: Any) -> str:
     place, message, found = error["loc"], error["msg"], error.get("input")
     name = ".".join(map(str, place))
     if not message.startswith("Extra inputs"):
-        return f"{name}: {message} (found {found!r})"
+        return f"{name}: {message} (found {quoted(found)})"
     known = _keys(place[:-1])
     near = difflib.get_close_matches(str(place[-1]), known, n=1, cutoff=0.5)
     return f"{name}: no such limit; " + (f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}")

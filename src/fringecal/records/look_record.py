@@ -1,6 +1,7 @@
 """How the bare plate looked, packed so that a record stays small."""
 
 import base64
+import math
 import zlib
 
 import numpy as np
@@ -12,6 +13,7 @@ from fringecal.records.parts import Part
 
 _NOTHING = -(2**15)  # what stands for NaN
 _MOST = 2**15 - 1
+_MOST_NUMBERS = 2**24  # of one array: what is kept of a plate is some 10,000
 
 
 class PackedArray(Part):
@@ -62,9 +64,25 @@ def unpacked(written: PackedArray) -> NDArray[np.float64]:
         What is written is no array of this shape.
     """
     try:
-        numbers = np.frombuffer(zlib.decompress(base64.b64decode(written.data)), "<i2").reshape(written.shape)
+        numbers = np.frombuffer(_unpacked(written), "<i2").reshape(written.shape)
     except (ValueError, zlib.error) as error:
         raise RecordError(
             f"look: an array of shape {written.shape} cannot be read ({error}); calibrate again"
         ) from error
     return np.where(numbers == _NOTHING, np.nan, numbers * written.step)
+
+
+def _unpacked(written: PackedArray) -> bytes:
+    """Decompress as many bytes as the array has, and none of what is there beyond them.
+
+    Raises
+    ------
+    ValueError
+        The shape is no shape, or larger than a picture, or the bytes are not as many.
+    """
+    if min(written.shape, default=0) < 0 or not 0 < (size := math.prod(written.shape)) <= _MOST_NUMBERS:
+        raise ValueError(f"1 to {_MOST_NUMBERS} numbers are read")
+    content = zlib.decompressobj().decompress(base64.b64decode(written.data), 2 * size + 1)
+    if len(content) != 2 * size:
+        raise ValueError(f"{2 * size} bytes were needed")
+    return content

@@ -1,6 +1,5 @@
 """TOML files that a laboratory owns, format 1: read whole, every fault named."""
 
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from fringecal.errors import RecordError
+from fringecal.guarded import MOST_TOML, Refusal, bytes_of, shortened, text_of, toml_of
 
 
 def read_owned[Document: BaseModel](
@@ -33,11 +33,9 @@ def read_owned[Document: BaseModel](
     """
     file = Path(path)
     try:
-        stated = tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise RecordError(f"{file}: cannot be read ({error.strerror or error}); give {name}") from error
-    except ValueError as error:  # text that is not UTF-8, or not TOML
-        raise RecordError(f"{file}: is no TOML document ({error})") from error
+        stated = toml_of(text_of(bytes_of(file, MOST_TOML)))
+    except Refusal as error:
+        raise RecordError(f"{file}: {error}; give {name}") from error
     if "format" not in stated:
         raise RecordError(f'{file}: states no format; write "format = 1" as its first line')
     try:
@@ -48,4 +46,4 @@ def read_owned[Document: BaseModel](
 
 
 def _plainly(found: Any) -> str:
-    return f"{'.'.join(map(str, found['loc']))}: {found['msg']}"
+    return f"{shortened('.'.join(map(str, found['loc'])))}: {shortened(found['msg'])}"

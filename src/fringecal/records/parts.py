@@ -149,6 +149,7 @@ class Digested(Part):
         description="SHA-256 of everything else in this document; null in records of older versions (docs/records.md)",
     )
     _edited: bool = PrivateAttr(default=False)
+    _file_sha256: str | None = PrivateAttr(default=None)
 
     @property
     def digest_state(self) -> DigestState:
@@ -156,6 +157,23 @@ class Digested(Part):
         if self._edited:
             return "differs"
         return "none" if self.digest is None else "fits"
+
+    @property
+    def file_sha256(self) -> str:
+        """SHA-256 of the very bytes that the document was read from.
+
+        Raises
+        ------
+        ValueError
+            It was not read from a file.
+        """
+        if self._file_sha256 is None:
+            raise ValueError("the record was not read from a file, and has no hash")
+        return self._file_sha256
+
+    def mark_read_from(self, sha256: str) -> None:
+        """Note the hash of the bytes that the document was read from."""
+        self._file_sha256 = sha256
 
     def mark_edited(self) -> None:
         """Note that the digest is not that of the content: known to whoever read the text."""
@@ -192,6 +210,9 @@ def is_covariance(matrix: Matrix, size: int) -> bool:
     array = np.array(matrix, dtype=float).reshape(size, size)
     scale = np.sqrt(np.abs(np.diag(array)))
     scale[scale == 0] = 1.0
-    correlation = array / np.outer(scale, scale)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        correlation = array / scale / scale[:, None]
+    if not np.isfinite(correlation).all():
+        return False
     symmetric = np.allclose(correlation, correlation.T, atol=_ASYMMETRY)
     return bool(symmetric and (size == 0 or np.linalg.eigvalsh(correlation).min() > -_NEGATIVE))

@@ -1,6 +1,5 @@
 """From a checked document and its files to a session."""
 
-import hashlib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -8,22 +7,29 @@ from pathlib import Path
 from fringecal.session.captures import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
+from fringecal.session.model_file import ModelFile
+from fringecal.session.parse import Parsed
+
+_ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
 
 _ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
 
 
-def assemble(folder: Path, document: SessionDocument, drafts: Sequence[Draft], white_levels: Sequence[int]) -> Session:
-    """Build the session of a folder in which no fault was found."""
+def assemble(
+    folder: Path, parsed: Parsed, drafts: Sequence[Draft], white_levels: Sequence[int], model: ModelFile | None
+) -> Session:
+    """Build the session of a folder in which no fault was found; every hash is that of the bytes that were used."""
+    document = parsed.sound_document
     captures = [_capture(draft, white, document) for draft, white in zip(drafts, white_levels, strict=True)]
     return Session(
         folder=folder,
         rig=document.rig,
         captured=document.captured,
-        camera=_camera(folder, document),
+        camera=_camera(document, model),
         projector=_projector(document.projector),
         phase_shifts_rad=_radians(document.phase.steps_deg if document.phase else ()),
         captures={capture.name: capture for capture in captures},
-        inputs=dict(_inputs(folder, document, drafts)),
+        inputs=dict(_inputs(folder, parsed, drafts, model)),
         operator=document.operator,
         temperature_degC=document.temperature_degC,
         minutes_since_power_on=document.minutes_since_power_on,
@@ -37,10 +43,11 @@ def _projector(table: ProjectorTable | None) -> ProjectorKnown | None:
     return ProjectorKnown(table.position_mm, mirror)
 
 
-def _camera(folder: Path, document: SessionDocument) -> CameraKnown:
+def _camera(document: SessionDocument, model: ModelFile | None) -> CameraKnown:
     camera = document.camera
-    model = folder / camera.model if camera.model else None
-    return CameraKnown(model=model, height_mm=camera.height_mm, telecentric=camera.telecentric)
+    if model is None:
+        return CameraKnown(height_mm=camera.height_mm, telecentric=camera.telecentric)
+    return CameraKnown(model.path, camera.height_mm, camera.telecentric, model.content)
 
 
 def use_of(table: CaptureTable) -> str:
@@ -74,11 +81,15 @@ def _hashes(draft: Draft, files: Iterable[Path]) -> tuple[str, ...]:
     return tuple(draft.facts[path].sha256 for path in files)
 
 
-def _inputs(folder: Path, document: SessionDocument, drafts: Sequence[Draft]) -> Iterator[tuple[str, str]]:
-    stated = [FILE_NAME, document.camera.model, *(draft.table.target for draft in drafts)]
-    for name in dict.fromkeys(name for name in stated if name is not None):
-        if (folder / name).is_file():  # a shipped target is known by its name and is no file here
-            yield name, hashlib.sha256((folder / name).read_bytes()).hexdigest()
+def _inputs(
+    folder: Path, parsed: Parsed, drafts: Sequence[Draft], model: ModelFile | None
+) -> Iterator[tuple[str, str]]:
+    yield FILE_NAME, parsed.sha256
+    if model is not None:
+        yield str(parsed.sound_document.camera.model), model.sha256
+    for draft in drafts:
+        if draft.target_sha256:  # a shipped target is known by its name and is no file here
+            yield str(draft.table.target), draft.target_sha256
     for draft in drafts:
         for path in (*draft.files, *draft.gray_files):
             yield path.relative_to(folder).as_posix(), draft.facts[path].sha256

@@ -27,11 +27,14 @@ class CameraKnown:
         Entrance pupil above the plate, or None.
     telecentric
         Whether all rays are parallel.
+    model_content
+        The bytes of that file as the session was checked and hashed, so that the lens is read from no others.
     """
 
     model: Path | None = None
     height_mm: Quantity | None = None
     telecentric: bool = False
+    model_content: bytes | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import SessionError
+from fringecal.guarded import is_file
 from fringecal.session import statement_rules as consistency
 from fringecal.session.assemble import assemble, use_of
 from fringecal.session.captures import Session
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft, draft_capture
 from fringecal.session.faults import Fault
+from fringecal.session.model_file import ReadModel, model_file
 from fringecal.session.parse import Parsed, parse_folder
 from fringecal.session.pictures import picture_rules as comparison
 from fringecal.session.pictures.capture_files import FrameFacts
@@ -64,16 +66,19 @@ def load_session(folder: str | Path) -> Session:
     return check.session
 
 
-def check_session(folder: str | Path) -> SessionCheck:
+def check_session(folder: str | Path, *, read_model: ReadModel | None = None) -> SessionCheck:
     """Find everything that is wrong with a session folder; never raises for what is in it.
 
     Parameters
     ----------
     folder
         The folder that holds `session.toml`, or that file itself.
+    read_model
+        Reads the camera model, if one is named, from its bytes (`fringecal.records.lens_of_bytes`); without it the file
+        is only seen to be there.
     """
     folder = Path(folder)
-    if folder.name == FILE_NAME and folder.is_file():
+    if folder.name == FILE_NAME and is_file(folder):
         folder = folder.parent
     parsed = parse_folder(folder)
     if parsed.document is None:
@@ -81,9 +86,10 @@ def check_session(folder: str | Path) -> SessionCheck:
     examined: dict[Path, FrameFacts | Fault] = {}
     drafts = [draft_capture(folder, parsed, k, examined) for k in range(len(parsed.document.capture))]
     levels = [_level(draft, parsed.document) for draft in drafts]
-    faults = tuple(dict.fromkeys(_faults(folder, parsed, drafts, levels)))
+    model, model_faults = model_file(folder, parsed.document, read_model)
+    faults = tuple(dict.fromkeys((*model_faults, *_faults(folder, parsed, drafts, levels))))
     notes = tuple(dict.fromkeys(_notes(parsed.document, drafts, levels)))
-    session = None if faults else assemble(folder, parsed.document, drafts, [level.value for level in levels])
+    session = None if faults else assemble(folder, parsed, drafts, [level.value for level in levels], model)
     kinds = tuple((draft.table.name, draft.table.kind) for draft in drafts)
     taking_part = tuple(draft.table.name for draft in drafts if use_of(draft.table) == "calibration")
     return SessionCheck(folder, session, faults, notes, kinds, taking_part)
@@ -95,7 +101,7 @@ def _level(draft: Draft, document: SessionDocument) -> WhiteLevel:
 
 def _faults(folder: Path, parsed: Parsed, drafts: Sequence[Draft], levels: Sequence[WhiteLevel]) -> Iterator[Fault]:
     yield from parsed.faults
-    yield from consistency.header_faults(folder, parsed.sound_document)
+    yield from consistency.header_faults(parsed.sound_document)
     for draft, level in zip(drafts, levels, strict=True):
         yield from draft.faults
         yield from consistency.steps_stated_faults(draft, is_phase_sound=parsed.is_sound("phase"))

@@ -1,14 +1,16 @@
 """A capture under examination: its files found and decoded once, its target read, what fails noted."""
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
 from fringecal.errors import TargetError
 from fringecal.session.document import CaptureTable
 from fringecal.session.faults import Fault, PictureError
+from fringecal.session.model_file import outside_fault
 from fringecal.session.parse import Parsed
 from fringecal.session.pictures.capture_files import FrameFacts, examine, expand
-from fringecal.targets import Target, load_target
+from fringecal.targets import Target, read_target
 
 PICTURE_KINDS = frozenset({"grid", "board"})
 
@@ -37,6 +39,8 @@ class Draft:
         The target, if one is named and could be read.
     faults
         What could not be found or read.
+    target_sha256
+        Of the bytes that the target was read from; empty for a shipped target.
     """
 
     label: str
@@ -49,6 +53,7 @@ class Draft:
     has_all_files: bool
     target: Target | None
     faults: tuple[Fault, ...]
+    target_sha256: str = ""
 
     @property
     def frames(self) -> list[FrameFacts]:
@@ -80,7 +85,7 @@ def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path,
     files, faults = expand(folder, table.images, f"{label}: images")
     gray_files, gray_faults = expand(folder, table.gray or [], f"{label}: gray")
     found = [_examined(folder, path, label, examined) for path in dict.fromkeys((*files, *gray_files))]
-    target, target_faults = _target(folder, table, label)
+    target, target_sha256, target_faults = _target(folder, table, label)
     return Draft(
         label=label,
         table=table,
@@ -92,6 +97,7 @@ def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path,
         has_all_files=not faults,
         target=target,
         faults=(*faults, *gray_faults, *(f for f in found if isinstance(f, Fault)), *target_faults),
+        target_sha256=target_sha256,
     )
 
 
@@ -105,15 +111,21 @@ def _examined(folder: Path, path: Path, label: str, examined: dict[Path, FrameFa
     return examined[path]
 
 
-def _target(folder: Path, table: CaptureTable, label: str) -> tuple[Target | None, list[Fault]]:
+def _target(folder: Path, table: CaptureTable, label: str) -> tuple[Target | None, str, list[Fault]]:
+    """Read the target of a capture: a shipped one by its name, or a file in the session's folder with its hash."""
     if table.target is None:
-        return None, []
+        return None, "", []
+    own = table.target.endswith(".toml")
+    outside = outside_fault(folder, table.target, f"{label}: target") if own else None
+    if outside is not None:
+        return None, "", [outside]
     try:
-        return load_target(table.target, folder=folder), []
+        target, content = read_target(table.target, folder=folder)
+        return target, hashlib.sha256(content).hexdigest() if own else "", []
     except TargetError as error:
         # A target's message has its remedies in it, one line per fault; here it is one sentence.
         found = "; ".join(line.removeprefix("  - ") for line in str(error).splitlines())
-        return None, [Fault(f"{label}: target", found, "correct the target or name another")]
+        return None, "", [Fault(f"{label}: target", found, "correct the target or name another")]
 
 
 def _steps_deg(parsed: Parsed, table: CaptureTable, broken: frozenset[str]) -> tuple[float, ...] | None:

@@ -1,16 +1,18 @@
 """Read `session.toml` into its document, salvaging what is right so that one check finds every fault."""
 
 import copy
+import hashlib
+import os
 import re
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from fringecal.guarded import MOST_TOML, MissingFileRefusal, Refusal, bytes_of, is_folder, text_of, toml_of
 from fringecal.session.document import (
     FILE_NAME,
     CameraTable,
@@ -84,11 +86,14 @@ class Parsed:
         Places that hold stand-ins: checks that depend on them say nothing.
     faults
         Everything that was wrong.
+    sha256
+        Of the very bytes that were read; empty for a text.
     """
 
     document: SessionDocument | None
     broken: frozenset[Loc] = frozenset()
     faults: tuple[Fault, ...] = field(default=())
+    sha256: str = ""
 
     @property
     def sound_document(self) -> SessionDocument:
@@ -110,23 +115,22 @@ class Parsed:
 
 def parse_folder(folder: Path) -> Parsed:
     """Read `session.toml` in a folder; never raises."""
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "is not there"
+    if not is_folder(folder):
+        what = "is a file" if os.path.exists(folder) else "is not there, or may not be looked at"
         return _refused(str(folder), what, "give the folder that holds session.toml")
     path = folder / FILE_NAME
     try:
-        text = path.read_bytes().decode("utf-8-sig")
-    except FileNotFoundError:
+        content = bytes_of(path, MOST_TOML)
+        parsed = parse_text(text_of(content))
+    except MissingFileRefusal:
         return _refused(
             str(folder),
             f"no {FILE_NAME} in the folder",
             "write one; docs/session.md lists its keys, `fringecal simulate thesis --out DIR` makes an example",
         )
-    except UnicodeDecodeError as error:
-        return _refused(FILE_NAME, f"not UTF-8 text (byte {error.start})", "save it as UTF-8")
-    except OSError as error:
-        return _refused(FILE_NAME, f"cannot be read ({error.strerror})", "see its permissions")
-    return parse_text(text)
+    except Refusal as error:
+        return _refused(FILE_NAME, str(error), "give one TOML file in UTF-8 that may be read")
+    return replace(parsed, sha256=hashlib.sha256(content).hexdigest())
 
 
 def parse_text(text: str) -> Parsed:
@@ -134,11 +138,9 @@ def parse_text(text: str) -> Parsed:
     if not text.strip():
         return _refused(FILE_NAME, "empty", "describe the session in it; docs/session.md lists its keys")
     try:
-        table = tomllib.loads(text)
-    except RecursionError:
-        return _refused(FILE_NAME, "nested too deeply", "write tables no deeper than the format has them")
-    except tomllib.TOMLDecodeError as error:
-        return _refused(FILE_NAME, f"not valid TOML: {error}{_line_named(text, str(error))}", "correct it")
+        table = toml_of(text)
+    except Refusal as error:
+        return _refused(FILE_NAME, f"{error}{_line_named(text, str(error))}", "correct it")
     return _salvaged(table)
 
 
@@ -146,7 +148,7 @@ def _line_named(text: str, message: str) -> str:
     """Quote the line that a TOML error names; a key written twice is told by nothing else."""
     named = re.search(r"at line (\d+)", message)
     lines = text.splitlines()
-    if named is None or int(named[1]) > len(lines):
+    if named is None or not 0 < int(named[1]) <= len(lines):
         return ""
     return f": {_short(lines[int(named[1]) - 1].strip())}"
 

@@ -5,7 +5,6 @@ Rules about the pictures themselves are in `fringecal.session.pictures.picture_r
 
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft
@@ -23,12 +22,8 @@ _NEEDS_TARGET = frozenset({"grid", "board", "strips", "artefact"})
 _SAME_STEP_DIGITS = 6  # of a degree: far below any step that a rig can make
 
 
-def header_faults(folder: Path, document: SessionDocument) -> Iterator[Fault]:
-    """See that the camera model exists, and that the common steps give a phase."""
-    model = document.camera.model
-    if model is not None and not (folder / model).is_file():
-        where = f"{FILE_NAME}: camera.model"
-        yield Fault(where, f'"{model}" is not there', "add the file or leave the key out")
+def header_faults(document: SessionDocument) -> Iterator[Fault]:
+    """See that the common steps give a phase."""
     if document.phase is not None:
         yield from step_faults(document.phase.steps_deg, f"{FILE_NAME}: phase.steps_deg")
 

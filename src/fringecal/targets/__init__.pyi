@@ -82,6 +82,9 @@ from .target_files import (
 from .target_files import (
     parse_target as parse_target,
 )
+from .target_files import (
+    read_target as read_target,
+)
 from .target_surface import (
     footprint_mm as footprint_mm,
 )

@@ -2,7 +2,6 @@
 
 import difflib
 import os
-import tomllib
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -11,6 +10,17 @@ from typing import Any
 from pydantic import ValidationError
 
 from fringecal.errors import TargetError
+from fringecal.guarded import (
+    MOST_TOML,
+    MissingFileRefusal,
+    Refusal,
+    bytes_of,
+    is_file,
+    quoted,
+    shortened,
+    text_of,
+    toml_of,
+)
 from fringecal.targets.aruco import ALIKE
 from fringecal.targets.kinds_of_target import KINDS, Target
 from fringecal.targets.quantity import HOW_TO_STATE
@@ -59,8 +69,19 @@ def load_target(name_or_path: str | os.PathLike[str], *, folder: str | os.PathLi
     >>> load_target("glass-strips").height_mm.value
     3.0
     """
+    return read_target(name_or_path, folder=folder)[0]
+
+
+def read_target(
+    name_or_path: str | os.PathLike[str], *, folder: str | os.PathLike[str] | None = None
+) -> tuple[Target, bytes]:
+    """Read a target, and the very bytes that it was read from, by which it can be hashed.
+
+    Parameters and errors are those of `load_target`.
+    """
     file = _find(os.fspath(name_or_path), Path(folder or "."))
-    return parse_target(_read(file), where=str(file))
+    content = _read(file)
+    return parse_target(_table(content, file), where=str(file)), content
 
 
 def parse_target(stated: Mapping[str, Any], *, where: str = "target") -> Target:
@@ -83,8 +104,9 @@ def _find(name: str, folder: Path) -> Path:
         return folder / name
     if name in list_targets():
         return shipped_folder() / f"{name}.toml"
-    if (folder / f"{name}.toml").is_file():
+    if is_file(folder / f"{name}.toml"):
         raise TargetError(f'no shipped target is called "{name}"; for the file beside it write "{name}.toml"')
+    name = shortened(name)
     nearest = difflib.get_close_matches(name, list_targets(), n=3, cutoff=ALIKE) or list_targets()
     raise TargetError(
         f'no shipped target is called "{name}"; nearest: {", ".join(nearest)}. '
@@ -92,36 +114,39 @@ def _find(name: str, folder: Path) -> Path:
     )
 
 
-def _read(file: Path) -> dict[str, Any]:
+def _read(file: Path) -> bytes:
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
+        return bytes_of(file, MOST_TOML)
+    except MissingFileRefusal:
         raise TargetError(f"{file}: no such target file; check the path, or see the shipped targets") from None
-    except OSError as error:
-        raise TargetError(f"{file}: cannot be read ({error.strerror}); a target is one TOML file") from None
-    except UnicodeDecodeError:
-        raise TargetError(f"{file}: is not UTF-8 text; a target is one TOML file") from None
-    except tomllib.TOMLDecodeError as error:
-        raise TargetError(f"{file}: is not valid TOML: {error}") from None
+    except Refusal as error:
+        raise TargetError(f"{file}: {error}; a target is one TOML file") from None
+
+
+def _table(content: bytes, file: Path) -> dict[str, Any]:
+    try:
+        return toml_of(text_of(content))
+    except Refusal as error:
+        raise TargetError(f"{file}: {error}; a target is one TOML file") from None
 
 
 def _header_faults(stated: Mapping[str, Any]) -> list[str]:
     faults = []
     if type(stated.get("format")) is not int or stated["format"] != 1:
-        found = repr(stated["format"]) if "format" in stated else "nothing"
+        found = quoted(stated["format"]) if "format" in stated else "nothing"
         faults.append(f"format: this version reads format = 1, found {found}")
     kind = stated.get("kind")
     if not isinstance(kind, str) or kind not in KINDS:
-        nearest = difflib.get_close_matches(str(kind), KINDS, n=1)
+        nearest = difflib.get_close_matches(shortened(kind), KINDS, n=1)
         hint = f'did you mean "{nearest[0]}"?' if nearest else f"known are {', '.join(KINDS)}"
-        found = "is missing" if kind is None else f"{kind!r} is unknown"
+        found = "is missing" if kind is None else f"{quoted(kind)} is unknown"
         faults.append(f"kind: {found}; {hint}")
     return faults
 
 
 def _fault(found: Mapping[str, Any], fields: list[str]) -> str:
     """One pydantic error as a sentence: where, what was found, what to do."""
-    *parents, key = [str(part) for part in found["loc"]]
+    *parents, key = [shortened(str(part)) for part in found["loc"]]
     where = ".".join([*parents, key])
     match found["type"]:
         case "extra_forbidden":
@@ -133,7 +158,7 @@ def _fault(found: Mapping[str, Any], fields: list[str]) -> str:
             return f"{where}: is missing; {_how_to_state(key)}"
         case "value_error":
             return f"{where}: {found['ctx']['error']}"
-    return f"{where}: {found['msg']}, found {found['input']!r}"
+    return f"{where}: {found['msg']}, found {quoted(found['input'])}"
 
 
 def _how_to_state(key: str) -> str:

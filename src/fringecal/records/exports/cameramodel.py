@@ -1,6 +1,5 @@
 """Cameras as files that others read and write: `.cameramodel` (mrcal) and OpenCV's YAML."""
 
-import ast
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,10 @@ from scipy.spatial.transform import Rotation
 
 from fringecal.camera import LENS_NAMES, RATIONAL, Lens, PlateCamera, RichLens, brown_over_picture
 from fringecal.errors import FitError, RecordError
+from fringecal.guarded import MOST_LENS, Refusal, bytes_of, shortened, text_of
+from fringecal.records.exports.cameramodel_text import entries_of
 from fringecal.records.files import write_text
+from fringecal.records.parts import is_covariance
 
 Array = NDArray[np.float64]
 
@@ -22,6 +24,11 @@ _MODELS = {"LENSMODEL_PINHOLE": 0, "LENSMODEL_OPENCV4": 4, "LENSMODEL_OPENCV5": 
 _OURS = "lens_covariance"  # an entry of our own, which mrcal skips
 _SIZE = len(LENS_NAMES)
 _SPLINED = "LENSMODEL_SPLINED_STEREOGRAPHIC_"
+_SPLINED_NAME = re.compile(
+    _SPLINED + r"order=[23]_Nx=(?P<nx>[0-9]{1,4})_Ny=(?P<ny>[0-9]{1,4})_fov_x_deg=[1-9][0-9]{0,2}"
+)
+MOST_KNOTS = 200  # along a side; mrcal's own examples have 30
+MOST_SIDE_PX = 65_535  # of a picture: no sensor has more, and remapping counts in 16 bit
 #: What Brown's lens may leave of a richer one that a file states, rms over the picture: twice what crossings are found
 #: to. A larger limit would bend the picture unnoticed, a smaller one refuse lenses that heights do not tell apart.
 MAX_LEFT_PX = 0.1
@@ -102,44 +109,55 @@ def read_lens(path: str | Path) -> Lens:
         The file cannot be read, is neither of the two, or holds a model that has no Brown's distortion.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordError(f"{path}: cannot be read as a camera model ({error})") from error
-    try:
-        return parse_lens(text)
+        return lens_of_bytes(bytes_of(path, MOST_LENS))
+    except Refusal as error:
+        raise RecordError(f"{path}: {error}; give a camera model") from error
     except RecordError as error:
         raise RecordError(f"{path}: {error}") from error
 
 
+def lens_of_bytes(content: bytes) -> Lens:
+    """Read a lens from the bytes of a file of either format.
+
+    Raises
+    ------
+    RecordError
+        As `read_lens`.
+    """
+    try:
+        return parse_lens(text_of(content))
+    except Refusal as error:
+        raise RecordError(str(error)) from error
+
+
 def parse_lens(text: str) -> Lens:
     """Read a lens from the text of either format."""
-    if "opencv-matrix" in text:
-        return _from_yaml(text)
     try:
-        entries = ast.literal_eval(text.strip())
-    except (ValueError, SyntaxError, MemoryError, RecursionError) as error:
-        raise RecordError("neither a .cameramodel nor OpenCV's YAML; export the camera anew") from error
-    if not isinstance(entries, dict):
-        raise RecordError("no .cameramodel: it holds no entries; export the camera anew")
-    return _from_entries(entries)
+        if "opencv-matrix" in text:
+            return _from_yaml(text)
+        return _from_entries(entries_of(text))
+    except Refusal as error:
+        raise RecordError(str(error)) from error
 
 
 def _from_entries(entries: dict[str, Any]) -> Lens:
     model = str(entries.get("lensmodel", entries.get("lens_model", "none")))
-    splined = model.startswith(_SPLINED)
+    splined = model.startswith(_SPLINED) and _SPLINED_NAME.fullmatch(model) is not None
     if model not in _MODELS and not splined:
         raise RecordError(
-            f"the lens model {model} cannot be used: rays here are straight with Brown's distortion; convert it with "
-            "mrcal-convert-lensmodel to LENSMODEL_OPENCV5"
+            f"the lens model {shortened(model)} cannot be used: rays here are straight with Brown's distortion; "
+            "convert it with mrcal-convert-lensmodel to LENSMODEL_OPENCV5"
         )
     try:
         values = np.array(entries["intrinsics"], dtype=float)
-        width, height = (int(n) for n in entries["imagersize"])
-    except (KeyError, TypeError, ValueError) as error:
+        width, height = (_side(n) for n in entries["imagersize"])
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise RecordError(
             "intrinsics or imagersize is missing or no list of numbers; export the camera anew"
         ) from error
+    _demand_size(width, height)
     if splined:
+        _demand_knots(model, values.size if values.ndim == 1 else -1)
         return _followed(RichLens(model, values, np.zeros((values.size,) * 2), width, height))
     if values.shape != (4 + _MODELS[model],):
         raise RecordError(f"{model} has {4 + _MODELS[model]} intrinsics, found {values.size}; export the camera anew")
@@ -150,17 +168,19 @@ def _from_yaml(text: str) -> Lens:
     matrix, distortion = _matrix(text, "camera_matrix"), _matrix(text, "distortion_coefficients")
     if matrix is None or matrix.shape != (3, 3) or distortion is None:
         raise RecordError("camera_matrix (3 x 3) or distortion_coefficients is missing; export the calibration anew")
-    size = [re.search(rf"^image_{side}:\s*(\d+)", text, flags=re.MULTILINE) for side in ("width", "height")]
+    size = [re.search(rf"^image_{side}:\s*([0-9]{{1,9}})\b", text, flags=re.MULTILINE) for side in ("width", "height")]
     if size[0] is None or size[1] is None:
-        raise RecordError("image_width or image_height is missing; add both, in px")
+        raise RecordError("image_width or image_height is missing or no number of px; add both")
+    width, height = int(size[0][1]), int(size[1][1])
+    _demand_size(width, height)
     core = matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
-    return _lens(core, distortion.ravel(), (int(size[0][1]), int(size[1][1])), _matrix(text, _OURS))
+    return _lens(core, distortion.ravel(), (width, height), _matrix(text, _OURS))
 
 
 def _matrix(text: str, name: str) -> Array | None:
     """One matrix of OpenCV's YAML, or None; its `---` and tags make it no YAML to plain readers."""
     found = re.search(
-        rf"^{name}:\s*!!opencv-matrix\s+rows:\s*(\d+)\s+cols:\s*(\d+)\s+dt:\s*\w+\s+data:\s*\[([^\]]*)\]",
+        rf"^{name}:\s*!!opencv-matrix\s+rows:\s*([0-9]{{1,9}})\s+cols:\s*([0-9]{{1,9}})\s+dt:\s*\w+\s+data:\s*\[([^\]]*)\]",
         text,
         flags=re.MULTILINE,
     )
@@ -182,15 +202,49 @@ def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any
             )
         values = np.concatenate([core, distortion])
         return _followed(RichLens(RATIONAL, values, np.zeros((values.size,) * 2), *size))
-    values = np.concatenate([core, distortion[:5], np.zeros(max(0, 5 - len(distortion)))])
+    values = np.concatenate([core, distortion[:5], np.zeros(max(0, len(LENS_NAMES) - 4 - len(distortion)))])
     if not (np.isfinite(values).all() and min(values[:2]) > 0 and min(size) > 0):
         raise RecordError("a focal length or size is not positive, or a number is not finite; export the camera anew")
     if covariance is None:
         return Lens(values, np.zeros((_SIZE, _SIZE)), *size, covariance_known=False)
-    table = np.asarray(covariance, dtype=float)
-    if table.shape != (_SIZE, _SIZE) or not np.isfinite(table).all() or not np.allclose(table, table.T):
-        raise RecordError(f"{_OURS} is no symmetric table of {_SIZE} x {_SIZE} numbers; leave it out or write it anew")
-    return Lens(values, table, *size)
+    return Lens(values, _covariance(covariance), *size)
+
+
+def _covariance(stated: Any) -> Array:
+    """Read the covariance of a lens: finite, symmetric, and no variance of any combination negative."""
+    try:
+        table = np.asarray(stated, dtype=float)
+    except (TypeError, ValueError, OverflowError):  # ragged, or no numbers
+        table = np.zeros(0)
+    if table.shape != (_SIZE, _SIZE) or not np.isfinite(table).all() or not is_covariance(table.tolist(), _SIZE):
+        raise RecordError(
+            f"{_OURS} is no covariance of {_SIZE} x {_SIZE} finite numbers, symmetric and positive semi-definite; "
+            "leave it out or write it anew"
+        )
+    return table
+
+
+def _side(number: Any) -> int:
+    """Return a side of the picture, a whole number of px."""
+    if isinstance(number, bool) or int(number) != number:
+        raise ValueError(f"{number} is no number of px")
+    return int(number)
+
+
+def _demand_size(width: int, height: int) -> None:
+    if not (0 < width <= MOST_SIDE_PX and 0 < height <= MOST_SIDE_PX):
+        raise RecordError(f"a picture of {width} x {height} px: each side must be 1 to {MOST_SIDE_PX} px")
+
+
+def _demand_knots(model: str, count: int) -> None:
+    """See that a splined model has as many numbers as its name says: mrcal trusts it."""
+    found = _SPLINED_NAME.fullmatch(model)
+    columns, rows = (int(found[name]) for name in ("nx", "ny")) if found else (0, 0)
+    needed = 4 + 2 * columns * rows
+    if not (4 <= columns <= MOST_KNOTS and 4 <= rows <= MOST_KNOTS) or count != needed:
+        raise RecordError(
+            f"{model} has {needed} intrinsics, found {count}, and each side 4 to {MOST_KNOTS} knots; export it anew"
+        )
 
 
 def _followed(rich: RichLens) -> Lens:

@@ -1,11 +1,11 @@
 """The rigs that ship with the simulator; the only module here that reads files."""
 
 import difflib
-import tomllib
 from importlib import resources
 from pathlib import Path
 
 from fringecal.errors import FringecalError
+from fringecal.guarded import MOST_TOML, Refusal, bytes_of, is_file, shortened, text_of, toml_of
 from fringecal.simulate.rig.rig_spec import RigSpec, rig_from
 
 
@@ -36,17 +36,18 @@ def load_rig(name_or_path: str | Path) -> RigSpec:
     """
     name = str(name_or_path)
     try:
-        return rig_from(tomllib.loads(_text(name)), f"rig {name}")
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise FringecalError(f"rig {name} is not a TOML document: {error}") from None
+        table = toml_of(text_of(_content(name)))
+    except Refusal as error:
+        raise FringecalError(f"rig {name}: {error}; a rig is one TOML file") from None
+    return rig_from(table, f"rig {name}")
 
 
-def _text(name: str) -> str:
+def _content(name: str) -> bytes:
     if name in list_rigs():
-        return (resources.files("fringecal.simulate") / "rigs" / f"{name}.toml").read_text(encoding="utf-8")
-    path = Path(name)
-    if path.is_file():
-        return path.read_text(encoding="utf-8")
+        return (resources.files("fringecal.simulate") / "rigs" / f"{name}.toml").read_bytes()
+    if is_file(name):
+        return bytes_of(name, MOST_TOML)
+    name = shortened(name)
     nearest = difflib.get_close_matches(name, list_rigs(), n=1)
     hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
     raise FringecalError(f"no rig {name!r}: neither a file nor one of {', '.join(list_rigs())}{hint}")

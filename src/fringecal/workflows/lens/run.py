@@ -1,10 +1,10 @@
 """The full lens: from board pictures, or from a file that the session states."""
 
 from fringecal.calibration import KnownLens, LensFindings, lens_from_pictures
-from fringecal.camera import Model, Solver
-from fringecal.errors import SessionError
-from fringecal.records import read_lens
-from fringecal.session import Session
+from fringecal.camera import Lens, Model, Solver
+from fringecal.errors import RecordError, SessionError
+from fringecal.records import lens_of_bytes, read_lens
+from fringecal.session import CameraKnown, Session
 
 
 def known_lens(session: Session) -> KnownLens | None:
@@ -21,11 +21,22 @@ def known_lens(session: Session) -> KnownLens | None:
     if stated is not None and boards:
         raise SessionError(["camera.model is stated and a capture of kind 'board' gives another; keep one of the two"])
     if stated is not None:
-        return KnownLens(read_lens(stated), file=stated.name)
+        return KnownLens(_stated_lens(session.camera), file=stated.name)
     if not boards:
         return None
     found = measure_lens(session)
     return KnownLens(found.fit.lens, findings=found)
+
+
+def _stated_lens(camera: CameraKnown) -> Lens:
+    """Read the lens from the bytes that the session was checked and hashed with, or from a file that none names."""
+    assert camera.model is not None  # whoever asks has seen it
+    if camera.model_content is None:
+        return read_lens(camera.model)
+    try:
+        return lens_of_bytes(camera.model_content)
+    except RecordError as error:
+        raise RecordError(f"{camera.model}: {error}") from error
 
 
 def measure_lens(
