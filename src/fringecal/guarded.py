@@ -86,7 +86,8 @@ def bytes_of(path: str | os.PathLike[str], most: int) -> bytes:
     except ValueError as error:  # a name that no file can have
         raise Refusal(f"cannot be read ({error})") from error
     if len(content) > most:
-        raise Refusal(f"is larger than the {most // MIB} MiB that are read of such a file")
+        size = f"{most // MIB} MiB" if most >= MIB else f"{most} bytes"
+        raise Refusal(f"is larger than the {size} that are read of such a file")
     return content
 
 
