@@ -72,7 +72,7 @@ def test_a_file_is_read_up_to_its_size_and_a_pipe_never(tmp_path):
     with pytest.raises(Refusal, match="is a pipe"):
         bytes_of(pipe, MIB)
     for path, words in (
-        (tmp_path, "cannot be read"),
+        (tmp_path, "is a folder"),
         ("a" * 300, "too long"),
         ("a\0b", "null"),
         ("/dev/zero", "device"),

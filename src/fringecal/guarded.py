@@ -79,6 +79,8 @@ def bytes_of(path: str | os.PathLike[str], most: int) -> bytes:
             content = file.read(most + 1)
     except FileNotFoundError as error:
         raise MissingFileRefusal("cannot be read (no such file)") from error
+    except IsADirectoryError as error:
+        raise Refusal("is a folder, a file was needed") from error
     except OSError as error:
         raise Refusal(f"cannot be read ({error.strerror or error})") from error
     except Refusal:

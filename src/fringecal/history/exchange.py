@@ -11,13 +11,14 @@ import numpy as np
 import pandas as pd
 
 from fringecal.errors import HistoryError
-from fringecal.guarded import Refusal, bytes_of, quoted
+from fringecal.guarded import Refusal, bytes_of, quoted, shortened
 from fringecal.history.entries import Entry, Reading
 from fringecal.history.parquet_files import MOST_ROWS, read_parquet, write_parquet
 from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
 from fringecal.records import replacing, write_table
 
 NEEDED = ("rig", "captured", "quantity", "value")
+_SHOWN = 8  # unknown columns that a message names
 _MOST_BYTES = 1 << 28  # 256 bytes for each of the readings that are read
 _LONGEST_HEADER = 1 << 14  # bytes: the columns' names take 180
 _OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)
@@ -114,9 +115,9 @@ def _read_csv(content: bytes) -> pd.DataFrame:
 def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
     """Check a table and fill in what one made by hand may leave out."""
     missing = [name for name in NEEDED if name not in table]
-    unknown = [str(name) for name in table if name not in COLUMNS]
+    unknown = [shortened(str(name)) for name in table if name not in COLUMNS]
     faults = [f"without {', '.join(missing)}"] if missing else []
-    faults += [f"with unknown {', '.join(unknown)}"] if unknown else []
+    faults += [f"with unknown {', '.join(unknown[:_SHOWN])}"] if unknown else []
     faults += ["without rows"] if table.empty else []
     if faults:
         raise HistoryError(f"{file}: a table {'; '.join(faults)}; columns may be {', '.join(COLUMNS)}")
