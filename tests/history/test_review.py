@@ -172,6 +172,7 @@ def demand_values_shown(run, db):
         (("add", "absent.json", "--db", "h.db"), 1, "absent.json: cannot be read"),
         (("chart", "--db", "h.db", "--limit", "1"), 2, "one quantity"),
         (("chart", "--db", "h.db", "--rig", "x"), 1, "holds none"),
+        (("chart", "--db", "h.db", "--since", "1.2.2026"), 2, "2026-02-01"),
         (("export", "t.ods", "--db", "h.db"), 1, ".csv or .parquet"),
     ],
 )

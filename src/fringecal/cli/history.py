@@ -111,16 +111,22 @@ def add(
 
 
 def import_file(
-    table: Path = typer.Argument(..., help="CSV or Parquet.", show_default=False), db: str = DB, as_json: bool = JSON
+    table: Path = typer.Argument(..., help="CSV or Parquet.", show_default=False),
+    db: str = DB,
+    correct: bool = typer.Option(False, "--correct", help="Supersede entries that the table contradicts."),
+    as_json: bool = JSON,
 ) -> None:
     """Append the rows of a table: an export, or a table of one's own with rig, captured, quantity and value.
+
+    Where the history holds other values of the same time, nothing is added, unless they are to be corrected; what was
+    there stays in the database and is left out of tables and charts.
 
     Example: fringecal history import old-audits.csv --db history.db
     """
     from fringecal.history import import_table, open_history
 
     with open_history(db) as history:
-        new = import_table(history, table)
+        new = import_table(history, table, correct=correct)
         _print_added(new, None, as_json)
 
 
@@ -234,7 +240,7 @@ def chart(
     limit: float | None = typer.Option(None, "--limit", help="Largest permissible distance from --reference."),
     reference: float | None = typer.Option(None, "--reference", help="What --limit is counted from, 0 by default."),
     baseline: int | None = typer.Option(None, "--baseline", help="Records that were in control, from the first."),
-    since: str = typer.Option("", "--since", help="Leave out what was captured before, e.g. the last repair."),
+    since: str = typer.Option("", "--since", help="Leave out what was captured before, e.g. 2026-02-01."),
     out: Path | None = typer.Option(None, "--out", help="Folder for report.html, tables and figures."),
     as_json: bool = JSON,
 ) -> None:
@@ -244,17 +250,19 @@ def chart(
 
     Example: fringecal history chart --db history.db --quantity "scale, mean" --out charts
     """
-    from fringecal.history import open_history, review_series, series_of
+    from fringecal.history import captured_since, open_history, review_series, series_of
     from fringecal.workflows.history import history_report, history_verdict, review_table
 
     if (limit is not None or reference is not None) and len(quantity) != 1:
         raise typer.BadParameter("a limit belongs to one quantity: name it with --quantity", param_hint="--limit")
+    first = _time(since, "--since") if since else None
     if out is not None:
         demand_folder(out)
     with open_history(db, create=False) as history:
         name = _one_rig(history.rigs(), rig)
         entries, readings = history.entries(name), history.readings(name)
-    readings, entries = (frame[frame["captured"] >= since] for frame in (readings, entries))
+    if first is not None:
+        readings, entries = (captured_since(frame, first) for frame in (readings, entries))
     series = [
         series_of(readings[readings["quantity"] == one], limit=limit, reference=reference)
         for one in quantity or sorted(set(readings["quantity"]))
@@ -281,6 +289,15 @@ def chart(
         _print_reviews(reviews, verdict.sentence)
     if verdict.decision == "conditionalFail":
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
+
+
+def _time(text: str, option: str) -> datetime:
+    from fringecal.history import parsed_time
+
+    try:
+        return parsed_time(text)
+    except ValueError as error:
+        raise typer.BadParameter(f"{text!r}; {error}", param_hint=option) from None
 
 
 def _print_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]

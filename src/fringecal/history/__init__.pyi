@@ -55,6 +55,12 @@ from .store import (
 from .store import (
     readings_of as readings_of,
 )
+from .table_cells import (
+    captured_since as captured_since,
+)
+from .table_cells import (
+    parsed_time as parsed_time,
+)
 from .type_one import (
     type_one_study as type_one_study,
 )

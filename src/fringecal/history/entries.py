@@ -4,6 +4,7 @@ import hashlib
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from datetime import UTC
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from fringecal.records import (
 )
 from fringecal.uncertainty import Estimate, en_score
 
-_SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
+SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,8 @@ class Entry:
     """One record: which rig, what was done, when (ISO 8601, UTC), the verdict, and its quantities.
 
     `sha256` is the hash of the record's file and tells one record from another; `document` is its whole text, so
-    that the history outlives the folders that it was filled from.
+    that the history outlives the folders that it was filled from. `supersedes` is the hash of the entry that this one
+    corrects.
     """
 
     rig: str
@@ -63,6 +65,7 @@ class Entry:
     source: str = ""
     software: str = ""
     document: str | None = None
+    supersedes: str | None = None
 
 
 def en_of(reading: Reading) -> float | None:
@@ -91,15 +94,15 @@ def read_entry(path: str | Path) -> Entry:
 
 
 def _entry(record: Any, kind: str, text: bytes, source: str) -> Entry:
-    session, created = record.session, record.created.isoformat()
-    captured = session.captured.astimezone(record.created.tzinfo).isoformat() if session.captured else created
+    session, created = record.session, record.created.astimezone(UTC).isoformat()
+    captured = session.captured.astimezone(UTC).isoformat() if session.captured else created
     return Entry(
         rig=session.rig,
         kind=kind,
         captured=captured,
         created=created,
         sha256=hashlib.sha256(text).hexdigest(),
-        decision=max((check.decision for check in record.checks), key=_SEVERITY.index, default="info"),
+        decision=max((check.decision for check in record.checks), key=SEVERITY.index, default="info"),
         readings=tuple(_readings(record, kind)),
         operator=session.operator,
         temperature_degC=session.temperature_degC,

@@ -3,11 +3,9 @@
 import hashlib
 import io
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from fringecal.errors import HistoryError
@@ -15,6 +13,8 @@ from fringecal.guarded import Refusal, bytes_of, quoted, shortened
 from fringecal.history.entries import Entry, Reading
 from fringecal.history.parquet_files import MOST_ROWS, read_parquet, write_parquet
 from fringecal.history.store import ENTRY_COLUMNS, READING_COLUMNS, History
+from fringecal.history.superseding import settled
+from fringecal.history.table_cells import NUMBERS, parsed_cell, plain_text, spreadsheet_text
 from fringecal.records import replacing, write_table
 
 NEEDED = ("rig", "captured", "quantity", "value")
@@ -23,9 +23,6 @@ _MOST_BYTES = 1 << 28  # 256 bytes for each of the readings that are read
 _LONGEST_HEADER = 1 << 14  # bytes: the columns' names take 180
 _OF_ENTRY = tuple("verdict" if name == "decision" else name for name in ENTRY_COLUMNS)
 COLUMNS = (*_OF_ENTRY, *READING_COLUMNS)
-_NUMBERS = frozenset(
-    ("temperature_degC", "minutes_since_power_on", "value", "u", "dof", "reference", "u_reference", "en", "limit")
-)
 
 
 def flat_table(history: History, rig: str | None = None) -> pd.DataFrame:
@@ -41,13 +38,14 @@ def flat_table(history: History, rig: str | None = None) -> pd.DataFrame:
     entries = history.entries(rig).rename(columns={"decision": "verdict"})
     readings = history.readings(rig)[["sha256", *READING_COLUMNS]]
     table = entries.merge(readings, on="sha256", how="left")[list(COLUMNS)]
-    return table.astype({name: (float if name in _NUMBERS else object) for name in COLUMNS})
+    return table.astype({name: (float if name in NUMBERS else object) for name in COLUMNS})
 
 
 def export_table(history: History, path: str | Path, rig: str | None = None) -> int:
     """Write a history as ``.csv`` or ``.parquet``, whole or not at all, and return the number of rows.
 
-    The texts of the records are left out: `History.document` gives them.
+    The texts of the records are left out: `History.document` gives them. In CSV, texts that a spreadsheet would take
+    for formulas begin with an apostrophe, which `import_table` takes off again.
 
     Raises
     ------
@@ -56,7 +54,7 @@ def export_table(history: History, path: str | Path, rig: str | None = None) -> 
     """
     table, file = flat_table(history, rig), Path(path)
     if file.suffix == ".csv":
-        write_table(file, table)
+        write_table(file, table.map(spreadsheet_text))
     elif file.suffix == ".parquet":
         with replacing(file) as sibling:
             write_parquet(table, str(sibling))
@@ -65,19 +63,29 @@ def export_table(history: History, path: str | Path, rig: str | None = None) -> 
     return len(table)
 
 
-def import_table(history: History, path: str | Path) -> int:
+def import_table(history: History, path: str | Path, *, correct: bool = False) -> int:
     """Add the entries of a table that `export_table` wrote, or of a laboratory's own; return how many were new.
 
     A table of one's own needs the columns rig, captured, quantity and value; rows that share rig, kind and captured
     make one entry. Times without a zone are UTC.
 
+    Parameters
+    ----------
+    history
+        Open to write.
+    path
+        The table.
+    correct
+        Whether an entry that says otherwise than the one of its time in the history supersedes it.
+
     Raises
     ------
     HistoryError
-        A column is missing or unknown, or a row makes no sense; nothing was added.
+        A column is missing or unknown, a row makes no sense, or contradicts the history; nothing was added.
     """
     table = _complete(_read(Path(path)), Path(path))
-    return history.append([_entry(group) for _, group in table.groupby("sha256", sort=False)])
+    entries = [_entry(group) for _, group in table.groupby("sha256", sort=False)]
+    return history.append(settled(history, entries, correct=correct))
 
 
 def _read(file: Path) -> pd.DataFrame:
@@ -89,7 +97,7 @@ def _read(file: Path) -> pd.DataFrame:
     except HistoryError:
         raise
     except Exception as error:  # the libraries' own errors have no common parent
-        raise HistoryError(f"{file}: not a table ({' '.join(str(error).split())})") from error
+        raise HistoryError(f"{file}: not a table ({shortened(error)})") from error
 
 
 def _content(file: Path) -> bytes:
@@ -109,7 +117,7 @@ def _read_csv(content: bytes) -> pd.DataFrame:
     )
     if len(rows) > MOST_ROWS:
         raise ValueError(f"more than {MOST_ROWS} rows; import it in parts")
-    return rows
+    return rows.map(plain_text, na_action="ignore")
 
 
 def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
@@ -135,7 +143,7 @@ def _complete(table: pd.DataFrame, file: Path) -> pd.DataFrame:
 
 def _hash(group: pd.DataFrame) -> str:
     """Give an entry of a table made by hand a hash, so that importing it twice adds nothing."""
-    content = group[["rig", "kind", "captured", "quantity", "value", "unit"]].to_csv(index=False)
+    content = group.drop(columns=["sha256", "appended", "source", "software"]).to_csv(index=False)
     return hashlib.sha256(content.encode()).hexdigest()
 
 
@@ -146,22 +154,9 @@ def _cell(value: Any, name: str, place: str) -> Any:
             raise HistoryError(f"{place}: {name} is empty")
         return None
     try:
-        return _parsed(value, name)
-    except (ValueError, OverflowError):  # a year that no calendar has
-        needed = "a finite number" if name in _NUMBERS else "a time such as 2026-11-22T10:00:00Z"
-        raise HistoryError(f"{place}: {name} is {quoted(value)}; {needed} was needed") from None
-
-
-def _parsed(value: Any, name: str) -> str | float:
-    if name in ("captured", "created"):
-        time = datetime.fromisoformat(str(value))
-        return (time if time.tzinfo else time.replace(tzinfo=UTC)).astimezone(UTC).isoformat()
-    if name in _NUMBERS:
-        number = float(value)
-        if not np.isfinite(number):
-            raise ValueError(f"{number} is not finite")
-        return number
-    return str(value)
+        return parsed_cell(value, name)
+    except ValueError as error:
+        raise HistoryError(f"{place}: {name} is {quoted(value)}; {error}") from None
 
 
 def _entry(group: pd.DataFrame) -> Entry:
@@ -183,6 +178,7 @@ def _entry(group: pd.DataFrame) -> Entry:
         minutes_since_power_on=first["minutes_since_power_on"],
         source=first["source"] or "",
         software=first["software"] or "",
+        supersedes=first["supersedes"],
     )
 
 

@@ -27,6 +27,7 @@ ENTRIES = Table(
     Column("software", Text, nullable=False),
     Column("sha256", Text, nullable=False, unique=True),
     Column("document", Text),
+    Column("supersedes", Text),
 )
 
 READINGS = Table(
@@ -85,16 +86,60 @@ def _forbid_changes(connection: Connection) -> None:
             connection.exec_driver_sql(f"CREATE TRIGGER {name} BEFORE {event} ON {table} {action}")
 
 
+def _mark_and_correct(connection: Connection) -> None:
+    """Mark an SQLite file as a history, and let an entry stand in the place of another that it corrects."""
+    if connection.dialect.name == "sqlite":
+        connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION_ID}")
+    connection.exec_driver_sql("ALTER TABLE entries ADD COLUMN supersedes TEXT")
+
+
 type Step = Callable[[Connection], None]
-STEPS: tuple[Step, ...] = (_make_tables, _forbid_changes)
-_LOCK = 0x46524E47  # any number that all writers agree on
+STEPS: tuple[Step, ...] = (_make_tables, _forbid_changes, _mark_and_correct)
+APPLICATION_ID = 0x46524E47  # "FRNG" in the header of an SQLite file: it is a history
+_LOCK = APPLICATION_ID  # any number that all writers agree on
+_OURS = {"entries", "readings", "schema_version"}
+NONE_IN_IT = "there is no history in it; `fringecal history add` makes one"
+_ANOTHER = "the database holds tables of another program; name another one"
 
 
 def schema_version(connection: Connection) -> int:
-    """Return how many versions a database has gone through; 0 when it is empty."""
+    """Return how many versions a database has gone through; 0 when it is empty.
+
+    Raises
+    ------
+    HistoryError
+        It holds tables of another program that are named as ours are.
+    """
+    demand_ours(connection)
     if not sa.inspect(connection).has_table("schema_version"):
         return 0
-    return int(connection.exec_driver_sql("SELECT COALESCE(MAX(version), 0) FROM schema_version").scalar_one())
+    found = connection.exec_driver_sql("SELECT COALESCE(MAX(version), 0) FROM schema_version").scalar_one()
+    if not isinstance(found, int) or found < 0:
+        raise HistoryError(_ANOTHER)
+    return found
+
+
+def demand_ours(connection: Connection) -> None:
+    """Refuse a database of another program: in an SQLite file any table that is not ours, else one that is named so.
+
+    Raises
+    ------
+    HistoryError
+        As described.
+    """
+    inspector = sa.inspect(connection)
+    tables = set(inspector.get_table_names())
+    foreign = tables - _OURS if connection.dialect.name == "sqlite" else set()
+    if foreign:
+        raise HistoryError(f"the database belongs to another program (table {min(foreign)}); name another one")
+    if not tables & _OURS:
+        return
+    columns = {table: {str(column["name"]) for column in inspector.get_columns(table)} for table in tables & _OURS}
+    if columns.get("schema_version") != {"version", "applied"} or not (
+        columns.get("entries", set()) >= {"rig", "captured", "sha256"}
+        and columns.get("readings", set()) >= {"entry_id", "quantity", "value"}
+    ):
+        raise HistoryError(_ANOTHER)
 
 
 def migrate(connection: Connection, steps: Sequence[Step] = STEPS) -> int:
@@ -122,8 +167,6 @@ def migrate(connection: Connection, steps: Sequence[Step] = STEPS) -> int:
     found = schema_version(connection)
     demand_known(found, len(steps))
     if found == 0:
-        if sa.inspect(connection).has_table("entries"):
-            raise HistoryError("the database holds tables of another program; name another one")
         connection.exec_driver_sql("CREATE TABLE schema_version (version INTEGER PRIMARY KEY, applied TEXT NOT NULL)")
     for version, step in enumerate(steps[found:], start=found + 1):
         step(connection)

@@ -1,6 +1,8 @@
 """The history as a database: SQLite in one file, or PostgreSQL by URL; rows are added, never changed."""
 
 import contextlib
+import os
+import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
@@ -16,9 +18,9 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Entry
-from fringecal.history.history_tables import ENTRIES, READINGS, STEPS, demand_known, migrate, schema_version
+from fringecal.history.history_tables import ENTRIES, NONE_IN_IT, READINGS, STEPS, demand_known, migrate, schema_version
+from fringecal.history.sqlite_files import WAIT_S, reader_engine, writer_engine
 
-WAIT_S = 60.0  # how long a writer waits for the others
 _INSERT: Mapping[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 ENTRY_COLUMNS = tuple(str(column.name) for column in ENTRIES.columns if column.name not in ("id", "document"))
 READING_COLUMNS = tuple(str(column.name) for column in READINGS.columns if column.name not in ("id", "entry_id"))
@@ -56,17 +58,20 @@ class History:
         with self._guarded(), writing(self._engine) as connection:
             return sum(_append(connection, entry) for entry in entries)
 
-    def entries(self, rig: str | None = None) -> pd.DataFrame:
-        """Tabulate the entries in the order of capture, of one rig or of all."""
+    def entries(self, rig: str | None = None, *, superseded: bool = False) -> pd.DataFrame:
+        """Tabulate the entries in the order of capture, of one rig or of all; those that were corrected, if asked."""
         columns = [ENTRIES.c[name] for name in ENTRY_COLUMNS]
-        return self._frame(sa.select(*columns), rig)
+        return self._frame(sa.select(*columns), rig, superseded)
 
-    def readings(self, rig: str | None = None, quantity: str | None = None) -> pd.DataFrame:
+    def readings(
+        self, rig: str | None = None, quantity: str | None = None, *, superseded: bool = False
+    ) -> pd.DataFrame:
         """Tabulate the readings, each with the columns of its entry, in the order of capture."""
         ours = [ENTRIES.c[name] for name in ENTRY_COLUMNS if name != "decision"]
         theirs = [READINGS.c[name] for name in READING_COLUMNS]
         query = sa.select(*ours, ENTRIES.c.decision.label("verdict"), *theirs).join_from(READINGS, ENTRIES)
-        return self._frame(query if quantity is None else query.where(READINGS.c.quantity == quantity), rig)
+        query = query if quantity is None else query.where(READINGS.c.quantity == quantity)
+        return self._frame(query, rig, superseded)
 
     def document(self, sha256: str) -> str | None:
         """Return the whole text of a record by its hash; None if only its numbers were imported."""
@@ -79,7 +84,9 @@ class History:
         with self._guarded(), self._engine.connect() as connection:
             return tuple(connection.execute(sa.select(ENTRIES.c.rig).distinct().order_by(ENTRIES.c.rig)).scalars())
 
-    def _frame(self, query: sa.Select[Any], rig: str | None) -> pd.DataFrame:
+    def _frame(self, query: sa.Select[Any], rig: str | None, superseded: bool) -> pd.DataFrame:
+        corrected = sa.select(ENTRIES.c.supersedes).where(ENTRIES.c.supersedes.is_not(None))
+        query = query if superseded else query.where(ENTRIES.c.sha256.not_in(corrected))
         query = query if rig is None else query.where(ENTRIES.c.rig == rig)
         order = [ENTRIES.c.captured, ENTRIES.c.id]
         with self._guarded(), self._engine.connect() as connection:
@@ -119,14 +126,15 @@ def _append(connection: Connection, entry: Entry) -> int:
 
 
 def open_history(where: str | Path, *, create: bool = True) -> History:
-    """Open a history, bringing an older one up to date.
+    """Open a history: to write, bringing an older one up to date, or to read.
 
     Parameters
     ----------
     where
         Path of an SQLite file, or a URL such as ``postgresql://user@host/name``.
     create
-        Whether a missing file is made; a URL always names a database that exists.
+        Whether it is opened to write, and made where there is none; a URL always names a database that exists. A file
+        opened to read is not changed, nor is the folder that it is in.
 
     Raises
     ------
@@ -135,20 +143,29 @@ def open_history(where: str | Path, *, create: bool = True) -> History:
     """
     url, name = _locate(where, create)
     try:
-        engine = _sqlite(url) if url.get_backend_name() == "sqlite" else sa.create_engine(url, pool_pre_ping=True)
-        _bring_up_to_date(engine)
-    except (SQLAlchemyError, ImportError) as error:
+        return History(_engine(url, create), name)
+    except (SQLAlchemyError, sqlite3.Error, ImportError, OSError) as error:
         raise HistoryError(f"{name}: {_reason(error)}") from error
     except HistoryError as error:
         raise HistoryError(f"{name}: {error}") from None
-    return History(engine, name)
 
 
-def _bring_up_to_date(engine: Engine) -> None:
+def _engine(url: URL, create: bool) -> Engine:
+    is_file = url.get_backend_name() == "sqlite"
+    if is_file and not create:
+        return reader_engine(Path(str(url.database)))
+    engine = writer_engine(Path(str(url.database))) if is_file else sa.create_engine(url, pool_pre_ping=True)
+    _bring_up_to_date(engine, create)
+    return engine
+
+
+def _bring_up_to_date(engine: Engine, create: bool) -> None:
     try:
         with engine.connect() as connection:
             found = schema_version(connection)
             demand_known(found)
+        if found == 0 and not create:
+            raise HistoryError(NONE_IN_IT)
         if found < len(STEPS):
             with writing(engine) as connection:
                 migrate(connection)
@@ -178,34 +195,11 @@ def _locate(where: str | Path, create: bool) -> tuple[URL, str]:
             raise HistoryError(f"{url.drivername}: a history is a file (SQLite) or postgresql://user@host/name")
         where = url.database
     path = Path(where)
-    if path.is_dir() or not path.absolute().parent.is_dir():
+    if os.path.isdir(path) or not os.path.isdir(path.absolute().parent):
         raise HistoryError(f"{path}: a file in an existing folder was needed; name one, for example history.db")
-    if not create and not path.exists():
+    if not create and not os.path.lexists(path):
         raise HistoryError(f"{path}: there is no history; `fringecal history add` makes one")
     return URL.create("sqlite", database=str(path)), str(path)
-
-
-def _sqlite(url: URL) -> Engine:
-    """Open an SQLite file so that writers queue up and a killed process leaves whole transactions only."""
-    engine = sa.create_engine(url, connect_args={"timeout": WAIT_S})
-
-    @sa.event.listens_for(engine, "connect")
-    def prepare(driver: Any, _: object) -> None:
-        driver.isolation_level = None  # transactions are begun below, not by the driver's guess
-        try:
-            for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
-                driver.execute(f"PRAGMA {pragma}").close()
-        except Exception:
-            driver.close()  # nobody else will: the pool never gets it
-            raise
-
-    @sa.event.listens_for(engine, "begin")
-    def begin(connection: Connection) -> None:
-        options: Mapping[str, Any] = connection.get_execution_options()
-        # A reader that turns into a writer cannot wait for another writer; so writers say so at once.
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if options.get("fringecal_writes") else "BEGIN")
-
-    return engine
 
 
 def _reason(error: Exception) -> str:
@@ -216,6 +210,7 @@ def _reason(error: Exception) -> str:
     hints = {
         "file is not a database": "this is no SQLite file; name another",
         "locked": f"another program holds it for more than {WAIT_S:g} s; try again",
+        "unable to open": "see that it may be read, and written",
         "readonly": "nothing may be written there; name another place",
         "append-only": "rows of a history are never changed or removed",
     }
