@@ -20,7 +20,7 @@ from fringecal.session.document import CameraTable, CaptureTable, PhaseTable, Pr
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 IN_GIT = (ROOT / ".git").exists()
-MAX_REPOSITORY_MB = 15
+MAX_REPOSITORY_MB = 16
 EXIT_ERROR, EXIT_USAGE = 1, 2
 
 
