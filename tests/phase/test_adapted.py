@@ -1,9 +1,12 @@
 """Frames that do not fit the stated model: undone where it is sure and matters, left alone where not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fringecal.phase import Waveform, demodulate
+from fringecal.phase.demodulation import adapted
 from fringecal.phase.demodulation.adapted import demodulate_adapted
 
 SHAPE = (200, 280)
@@ -101,3 +104,40 @@ def test_without_fringes_nothing_is_known(rng):
     found = demodulate_adapted(rng.integers(90, 110, (3, 64, 64)).astype(np.uint8), STEPS[3])
     assert found.phase_shifts is None
     assert found.notes
+
+
+def test_the_mean_of_the_phase_is_kept_where_phase_shifts_are_corrected(camera, rng):
+    # Errors without a mean: with the first frame taken as exact the phase would shift by its -0.04 rad.
+    errors = np.array([-2.4, 3.1, -0.7])
+    found = demodulate_adapted(shot(STEPS[3], camera, rng, errors_deg=errors), STEPS[3])
+    error = np.angle(np.exp(1j * (found.map.phase - PLATE)))
+    # 0.01 rad noise of 56,000 pixels; the phase shifts' u of some 0.05 deg is common to all.
+    assert np.nanmean(error) == pytest.approx(0, abs=0.002)
+    used = np.rad2deg(np.array(found.scheme.phase_shifts_rad) - STEPS[3])
+    np.testing.assert_allclose(used, errors, atol=0.15)
+
+
+def test_phase_shifts_that_cost_next_to_nothing_are_left_as_stated(camera, rng):
+    # 0.3 deg in one of four frames: significant, and 0.001 rad of ripple.
+    found = demodulate_adapted(shot(STEPS[4], camera, rng, errors_deg=(0, 0.3, 0, 0)), STEPS[4])
+    assert found.phase_shifts.significant
+    assert found.undone == ()
+
+
+def test_phase_shifts_that_explain_the_frames_no_better_are_not_used(camera, rng, monkeypatch):
+    # What blocks beside edges say of the phase shifts, 114 deg where 120 are true, holds nowhere else.
+    frames = shot(STEPS[3], camera, rng)
+    honest = adapted.phase_shifts_and_blocks
+
+    def misled(*args, **kwargs):
+        found, blocks = honest(*args, **kwargs)
+        return replace(found, phase_shifts_rad=found.stated_rad + np.deg2rad([0, -6, 0])), blocks
+
+    monkeypatch.setattr(adapted, "phase_shifts_and_blocks", misled)
+    found = demodulate_adapted(frames, STEPS[3])
+    assert found.undone == ()
+    assert "explains the frames no better: " in found.notes[0]
+    assert ripple(found.map.phase) < 0.003
+    # And where they are true they are used.
+    wrong = shot(STEPS[3], camera, rng, errors_deg=(0, -6, 0))
+    assert "deg were used" in demodulate_adapted(wrong, STEPS[3]).undone[0]

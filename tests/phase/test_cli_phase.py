@@ -148,7 +148,42 @@ def test_diagnostics_says_what_to_do_and_that_nothing_is_wrong(wall, tmp_path, c
         cv2.imwrite(str(file), frame)
     well = run(*files, "--steps=0,120,240", "--diagnose")
     assert well.exit_code == 0
-    assert "the diagnostics find nothing" in well.stdout
+    assert "the diagnostics find nothing wrong in what they could see" in well.stdout
+    assert "could not look for: frames in another order (3 frames fit in any order" in well.stdout
+
+
+def test_frames_that_are_no_set_are_named_and_no_map_is_written(wall, fringed, tmp_path):
+    names = written(tmp_path / "set", fringed([0, 120, 240]))
+    names[2] = written(tmp_path / "other", fringed([240], ratio=1.6))[0]
+    ill = run(*names, "--steps=0,120,240", "--diagnose", "--out", tmp_path / "out", "--json")
+    assert ill.exit_code == 3
+    (one,) = json.loads(ill.stdout)["captures"]
+    assert [finding["name"] for finding in one["findings"]] == ["frame of another period"]
+    assert one["undone"] == []
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["0-diagnostics.png"]
+    with pytest.raises(PhaseError, match="frame 3 shows fringes of"):
+        run(*names, "--steps=0,120,240", "--out", tmp_path / "none")
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.parametrize(
+    ("shift", "stated", "white"), [(4, None, 65520), (0, None, 4095), (0, 12, 4095), (4, 12, 65520)]
+)
+def test_twelve_bits_in_sixteen_saturate_where_they_end(shift, stated, white, fringed, tmp_path):
+    bright = np.minimum(fringed([0, 120, 240], sigma=0.0).astype(int) * 24, 4095).astype(np.uint16) << shift
+    names = written(tmp_path / "set", bright)
+    bits = () if stated is None else (f"--bits={stated}",)
+    found = run(*names, "--steps=0,120,240", "--diagnose", "--json", *bits)
+    (one,) = json.loads(found.stdout)["captures"]
+    assert "saturation" in [finding["name"] for finding in one["findings"]]
+    assert "clipped slide" not in [finding["name"] for finding in one["findings"]]
+    assert f"at {white:g}" in next(look["words"] for look in one["looked"] if look["subject"] == "saturation")
+
+
+def test_bits_that_the_values_contradict_are_refused(fringed, tmp_path):
+    names = written(tmp_path / "set", fringed([0, 120, 240]).astype(np.uint16) * 31)
+    with pytest.raises(PhaseError, match="--bits 12 allows values up to 4095"):
+        run(*names, "--steps=0,120,240", "--bits=12")
 
 
 def written(folder, frames, pattern="{}.png"):

@@ -17,6 +17,7 @@ from fringecal.cli.shared.phase_orders import (
     named,
     orders_document,
     save_orders,
+    shortest_set,
     show_orders,
     summarised,
 )
@@ -35,12 +36,14 @@ from fringecal.phase import (
     Diagnosis,
     Finding,
     FindingKind,
+    Look,
     PhaseShiftEstimate,
     PhaseSummary,
     compare_repeats,
     demand_phase,
     diagnose,
     findings_of_repeats,
+    looked_for,
 )
 from fringecal.records import replacing
 from fringecal.report import diagnostics_overview, phase_overview
@@ -74,6 +77,7 @@ def phase(
     counts: str | None = typer.Option(None, "--counts", help="Instead: fringes in the projected picture: 8,1."),
     extent: float | None = typer.Option(None, help="Length of the projected picture in the unit of --periods."),
     channel: str | None = typer.Option(None, "--channel", help="Colour pictures: mean, red, green, blue or luma."),
+    bits: int | None = typer.Option(None, min=8, max=16, help="Bits of the camera where files have 16: 10, 12, 14."),
     capture: str | None = typer.Option(None, "--capture", help="Only this capture of the session."),
     out: Path | None = typer.Option(None, "--out", help="Folder for NAME.npz (maps) and NAME.png (figure)."),
     diagnostics: bool = typer.Option(False, "--diagnose", "--doctor", help="Say what is wrong with the pictures."),
@@ -83,18 +87,15 @@ def phase(
     """Load, demodulate, save, print."""
     documents: list[dict[str, Any]] = []
     orders: list[dict[str, Any]] = []
-    for group in _groups(source, steps, _periods(periods, counts, extent), channel, capture):
+    for group in _groups(source, steps, _periods(periods, counts, extent), (channel, bits), capture):
         summaries = summarised(group)
-        diagnoses = [_diagnosed(one, mm_per_rad) if diagnostics else None for one in group.sets]
+        diagnoses = [_diagnosed(group, one, mm_per_rad) if diagnostics else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
                 named(one, demand_phase, summary, one.frames, one.phase_shifts_rad)
         counted = counted_orders(group, summaries) if group.absolute and not diagnostics else None
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
-            documents.append(_document(one, summary, _save(summary, one.name, out) if out else []))
-            if diagnosis is not None:
-                documents[-1] |= _diagnosis_document(diagnosis)
-                documents[-1]["files"] += _save_diagnosis(diagnosis[0], one.name, out) if out else []
+            documents.append(_written(one, summary, diagnosis, out))
         if counted is not None:
             orders.append(orders_document(group, *counted, save_orders(group.name, *counted, out) if out else []))
     if as_json:
@@ -107,10 +108,28 @@ def phase(
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)
 
 
-def _diagnosed(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
+def _written(
+    one: PhaseSet, summary: PhaseSummary, diagnosis: tuple[Diagnosis, list[Finding]] | None, out: Path | None
+) -> dict[str, Any]:
+    """Write what is to be written of a set, and put it into plain numbers; frames that are no set make no map."""
+    if diagnosis is None:
+        return _document(one, summary, _save(summary, one.name, out) if out else [])
+    found, _ = diagnosis
+    files = _save(summary, one.name, out) if out and not found.fatal else []
+    files += _save_diagnosis(found, one.name, out) if out else []
+    document = _document(one, summary, files) | _diagnosis_document(diagnosis)
+    return document | ({"undone": []} if found.fatal else {})
+
+
+def _diagnosed(group: Group, one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list[Finding]]:
     """Return the diagnosis of a set, and all findings with those between its repeats."""
     found = diagnose(
-        one.frames, one.phase_shifts_rad, white_level=one.white_level, reference=one.reference, mm_per_rad=mm_per_rad
+        one.frames,
+        one.phase_shifts_rad,
+        white_level=one.white_level,
+        reference=one.reference,
+        mm_per_rad=mm_per_rad,
+        of_several=one is not group.sets[shortest_set(group)],
     )
     return found, [*found.findings, *_between_repeats(one)]
 
@@ -118,7 +137,11 @@ def _diagnosed(one: PhaseSet, mm_per_rad: float | None) -> tuple[Diagnosis, list
 def _diagnosis_document(diagnosis: tuple[Diagnosis, list[Finding]]) -> dict[str, Any]:
     """Put the findings into plain numbers."""
     ripple = {str(order): value for order, value in diagnosis[0].ripple_rad.items()}
-    return {"findings": [finding.document() for finding in diagnosis[1]], "ripple_rad": ripple}
+    return {
+        "findings": [finding.document() for finding in diagnosis[1]],
+        "ripple_rad": ripple,
+        "looked": [look.document() for look in diagnosis[0].looks],
+    }
 
 
 def _between_repeats(one: PhaseSet) -> tuple[Finding, ...]:
@@ -143,12 +166,22 @@ def _periods(periods: str | None, counts: str | None, extent: float | None) -> S
 
 
 def _groups(
-    source: list[Path], steps: str | None, periods: StatedPeriods, channel: str | None, capture: str | None
+    source: list[Path],
+    steps: str | None,
+    periods: StatedPeriods,
+    reading: tuple[str | None, int | None],
+    capture: str | None,
 ) -> Iterator[Group]:
-    """Give the sets of a session, or those of the pictures."""
+    """Give the sets of a session, or those of the pictures, read by a channel and with bits."""
+    channel, bits = reading
     folder = source[0] if len(source) == 1 and source[0].is_dir() else None
     if folder is not None and (holds_session(folder) or steps is None):
-        own = {"--steps": steps, "--periods (or --counts)": periods.lengths or None, "--channel": channel}
+        own = {
+            "--steps": steps,
+            "--periods (or --counts)": periods.lengths or None,
+            "--channel": channel,
+            "--bits": bits,
+        }
         for option, value in own.items():
             if value is not None:
                 raise typer.BadParameter(f"a session states its own {option[2:]}", param_hint=option)
@@ -159,7 +192,7 @@ def _groups(
         raise typer.BadParameter("state the phase shifts of the pictures, such as 0,120,240", param_hint="--steps")
     else:
         demand_channel(channel)
-        stated = Stated(np.deg2rad(_numbers(steps, "--steps")), periods, channel)
+        stated = Stated(np.deg2rad(_numbers(steps, "--steps")), periods, channel, bits)
         yield picture_group(source if folder is None else pictures_of(folder), stated)
 
 
@@ -284,8 +317,11 @@ def _sentences(one: dict[str, Any]) -> Iterator[str]:
     yield from one["notes"]
     for finding in one.get("findings", []):
         yield _finding_sentence(finding)
+    looks = [Look(**look) for look in one.get("looked", [])]
     if one.get("findings") == []:
-        yield "the diagnostics find nothing that causes a phase error above 0.004 rad"
+        blind = any(not look.could for look in looks)
+        yield f"the diagnostics find nothing wrong{' in what they could see' if blind else ''}"
+    yield from looked_for(looks)
     if one["files"]:
         yield "wrote " + ", ".join(one["files"])
 

@@ -97,6 +97,12 @@ from .diagnostics.evidence import (
 from .diagnostics.finding_kinds import (
     FindingKind as FindingKind,
 )
+from .diagnostics.looks import (
+    Look as Look,
+)
+from .diagnostics.looks import (
+    looked_for as looked_for,
+)
 from .diagnostics.set_summary import (
     PhaseSummary as PhaseSummary,
 )

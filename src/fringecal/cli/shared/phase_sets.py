@@ -10,6 +10,8 @@ from fringecal.cli.shared.pictures import read_picture
 from fringecal.errors import PhaseError
 from fringecal.session import FILE_NAME, Capture, Session, load_session, natural_key
 
+_SENSOR_BITS = (10, 12, 14)  # of cameras whose files have 16
+
 SUFFIXES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
 
 
@@ -64,6 +66,7 @@ class Stated:
     phase_shifts_rad: np.ndarray
     periods: StatedPeriods = StatedPeriods()
     channel: str | None = None
+    bits: int | None = None
 
 
 def session_groups(folder: Path, name: str | None, extent: float | None = None) -> Iterator[Group]:
@@ -147,6 +150,35 @@ def pictures_of(folder: Path) -> list[Path]:
     return sorted(found, key=lambda path: natural_key(path.name))
 
 
+def saturation_level(frames: np.ndarray, bits: int | None) -> float | None:
+    """Return the grey level of saturated pixels: of the bits stated, or as values of 10 to 14 bits in 16 show it.
+
+    Bits shifted to the left leave the lowest idle; unshifted ones show where the highest is their largest number.
+    None leaves it to the numbers' type.
+
+    Raises
+    ------
+    PhaseError
+        Values that the stated bits cannot make.
+    """
+    if frames.dtype != np.uint16:
+        return None
+    peak, idle = int(frames.max()), int(np.bitwise_or.reduce(frames, axis=None))
+    left = next((n for n in _SENSOR_BITS if idle and idle % (1 << (16 - n)) == 0), None)
+    if bits is None:
+        bits = left or next((n for n in _SENSOR_BITS if peak == (1 << n) - 1), None)
+    if bits is None:
+        return None
+    if peak < 1 << bits:
+        return float((1 << bits) - 1)
+    if idle % (1 << (16 - bits)) == 0 or bits == 16:  # noqa: PLR2004 -- bits of the files
+        return float((1 << 16) - (1 << (16 - bits)))
+    raise PhaseError(
+        f"--bits {bits} allows values up to {(1 << bits) - 1}, or multiples of {1 << (16 - bits)} where they are "
+        f"shifted to the left; found {peak} and others in between"
+    )
+
+
 def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     """Read pictures that belong to no session: all frames of the first period, then of the next.
 
@@ -174,5 +206,6 @@ def picture_group(paths: Sequence[Path], stated: Stated) -> Group:
     name = paths[0].stem
     frames = np.stack(pictures).reshape(n_sets, n_steps, *pictures[0].shape)
     labels = [name + (f"-period{k + 1}" if n_sets > 1 else "") for k in range(n_sets)]
-    sets = (PhaseSet(label, part, stated.phase_shifts_rad, None) for label, part in zip(labels, frames, strict=True))
+    white = saturation_level(frames, stated.bits)
+    sets = (PhaseSet(label, part, stated.phase_shifts_rad, white) for label, part in zip(labels, frames, strict=True))
     return Group(name, tuple(sets), stated.periods.lengths, extent=stated.periods.extent)

@@ -1,17 +1,24 @@
 """Demodulation with the model that the frames show where it differs significantly from the stated one.
 
 Phase shifts, their change over the field, the brightness of each frame and the waveform of the fringes are measured
-first; what differs significantly from the stated model and affects the phase is corrected, the rest is left as stated.
+first; what differs significantly from the stated model, affects the phase, and explains the frames better when it is
+corrected, is corrected; the rest is left as stated.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
+from fringecal.numerics import TURN
+from fringecal.phase.demodulation.blocks import RIPPLE_ORDERS, Block
 from fringecal.phase.demodulation.corrections import correct_phase_shifts
 from fringecal.phase.demodulation.demodulate import RESIDUAL_SHARE, PhaseMap, demodulate
+from fringecal.phase.demodulation.fringe_period import fringe_period
+from fringecal.phase.demodulation.model_residual import ResidualSample
+from fringecal.phase.demodulation.noise import Noise
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, PhaseShiftEstimate, phase_shifts_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
 from fringecal.phase.demodulation.waveform import Waveform, correct_gamma, phase_error, ripple_rms, waveform_of_blocks
@@ -27,7 +34,8 @@ class AdaptationRules:
     Parameters
     ----------
     cost_rad
-        Rms ripple below which uneven brightness is not corrected, rad: a third of the noise of one good pixel.
+        Rms ripple below which phase shifts and brightness are not corrected, rad: a third of the noise of one good
+        pixel.
     change_rad
         Change of a phase shift from edge to edge below which it is not corrected, rad.
     blocks_to_contradict
@@ -116,14 +124,15 @@ def demodulate_adapted(
         Frames and phase shifts that do not fit together, as in `demodulate`.
     """
     stated = np.asarray(phase_shifts_rad, np.float64).ravel()
-    phase_shifts, found_wave, notes = _measured(frames, stated, white_level)
-    scheme, undone = _scheme(stated, phase_shifts, rules)
+    phase_shifts, found_wave, blocks, notes = _measured(frames, stated, white_level)
+    scheme, undone, refused = _scheme(frames, stated, phase_shifts, white_level, rules)
+    notes += refused
     change = np.zeros((stated.size, 2))
     if phase_shifts is not None:
         shape = np.shape(frames)[1:]
         change, sentence = _change(phase_shifts, shape, rules)
         undone += sentence
-    shape_used, effects, caveats = _wave(scheme, found_wave, wave, rules)
+    shape_used, effects, caveats = _wave(scheme, found_wave, wave, blocks, rules)
     map_ = _demodulated(frames, scheme, change, shape_used, white_level)
     notes += caveats + smoothed_noise(map_, phase_shifts, rules=rules)
     return Adapted(map_, scheme, change, shape_used, phase_shifts, found_wave, undone + effects, notes)
@@ -131,44 +140,90 @@ def demodulate_adapted(
 
 def _measured(
     frames: ArrayLike, stated: NDArray, white_level: float | None
-) -> tuple[PhaseShiftEstimate | None, Waveform | None, tuple[str, ...]]:
+) -> tuple[PhaseShiftEstimate | None, Waveform | None, list[Block], tuple[str, ...]]:
     """Measure phase shifts, brightness and waveform, or state why that is impossible."""
     try:
         phase_shifts, blocks = phase_shifts_and_blocks(frames, stated, white_level=white_level)
     except PhaseError as error:
-        return None, None, (f"they could not be checked ({str(error).split('.')[0].rstrip(',;:')})",)
-    return phase_shifts, waveform_of_blocks(blocks), ()
+        return None, None, [], (f"they could not be checked ({str(error).split('.')[0].rstrip(',;:')})",)
+    return phase_shifts, waveform_of_blocks(blocks), blocks, ()
 
 
 def _scheme(
-    stated: NDArray, found: PhaseShiftEstimate | None, rules: AdaptationRules
-) -> tuple[Scheme, tuple[str, ...]]:
-    """Choose phase shifts and brightness of the frames: as stated, or as found where that is significant."""
+    frames: ArrayLike,
+    stated: NDArray,
+    found: PhaseShiftEstimate | None,
+    white_level: float | None,
+    rules: AdaptationRules,
+) -> tuple[Scheme, tuple[str, ...], tuple[str, ...]]:
+    """Choose phase shifts and brightness of the frames: as found where that is sure, matters and helps."""
+    scheme = least_squares(stated)
     if found is None:
-        return least_squares(stated), ()
-    undone = []
-    phase_shifts = stated
-    if found.significant:
-        phase_shifts = found.phase_shifts_rad
-        undone.append(f"{_degrees(phase_shifts)} deg were used")
-    scheme = least_squares(phase_shifts)
+        return scheme, (), ()
+    offered = [one for one in (_by_phase_shifts(found, rules), _by_brightness(found, rules)) if one is not None]
+    if not offered:
+        return scheme, (), ()
+    sample = _residual_sample(frames, stated, white_level)
+    left = None if sample is None else sample.left_by(scheme)
+    undone, refused = [], []
+    for offer in offered:
+        changed, sentence = offer(scheme)
+        less = None if sample is None else sample.left_by(changed)
+        if left is not None and less is not None and less >= left:
+            refused.append(f"not corrected, as that explains the frames no better: {sentence}")
+            continue
+        scheme, left = changed, less
+        undone.append(sentence)
+    return scheme, tuple(undone), tuple(refused)
+
+
+Offer = Callable[[Scheme], tuple[Scheme, str]]
+
+
+def _residual_sample(frames: ArrayLike, stated: NDArray, white_level: float | None) -> ResidualSample | None:
+    """Take the lines that judge a correction; None where there is no fringe to be followed."""
+    map_ = demodulate(frames, stated, white_level=white_level, noise=Noise(1.0), max_residual=np.inf)
+    try:
+        return ResidualSample.of(frames, fringe_period(map_.phase, map_.valid), white_level)
+    except PhaseError:
+        return None
+
+
+def _by_phase_shifts(found: PhaseShiftEstimate, rules: AdaptationRules) -> Offer | None:
+    """Offer the phase shifts found, if they are significant and cost something.
+
+    Only differences of phase shifts can be seen; which of them is right cannot. Their errors are taken to have no
+    mean, so that the phase keeps its mean too, where one frame taken as exact would shift it by that frame's error.
+    """
+    shifts = found.phase_shifts_rad - found.errors_rad.mean()
+    cost = ripple_rms(phase_error(found.stated_rad, true_phase_shifts_rad=shifts))
+    if not found.significant or cost < rules.cost_rad:
+        return None
+    return lambda _: (least_squares(shifts), f"{_degrees(shifts)} deg were used")
+
+
+def _by_brightness(found: PhaseShiftEstimate, rules: AdaptationRules) -> Offer | None:
+    """Offer the frames' brightness as found, if it is significant and costs something."""
     offsets = found.level_per_frame / found.modulation_level
-    cost = ripple_rms(phase_error(scheme, gains=found.gain_per_frame, offsets=offsets))
-    if found.uneven and cost > rules.cost_rad:
-        scheme = least_squares(
-            phase_shifts,
-            name="equalised",
-            gains=found.gain_per_frame,
-            offsets=found.offset_per_frame,
-            backgrounds=found.background_per_frame,
-        )
-        worst = float(np.abs(found.level_per_frame / found.background_level - 1).max())
-        weakest = float(np.abs(found.gain_per_frame - 1).max())
-        undone.append(
-            f"the frames' brightness was made equal (background up to {worst:.1%}, modulation up to {weakest:.1%} "
-            f"from the mean; uncorrected, the phase error would be {cost:.3f} rad)"
-        )
-    return scheme, tuple(undone)
+    cost = ripple_rms(phase_error(found.stated_rad, gains=found.gain_per_frame, offsets=offsets))
+    if not found.uneven or cost < rules.cost_rad:
+        return None
+    worst = float(np.abs(found.level_per_frame / found.background_level - 1).max())
+    weakest = float(np.abs(found.gain_per_frame - 1).max())
+    sentence = (
+        f"the frames' brightness was made equal (background up to {worst:.1%}, modulation up to {weakest:.1%} "
+        f"from the mean; uncorrected, the phase error would be {cost:.3f} rad)"
+    )
+
+    def equalised(scheme: Scheme) -> tuple[Scheme, str]:
+        parts = {
+            "gains": found.gain_per_frame,
+            "offsets": found.offset_per_frame,
+            "backgrounds": found.background_per_frame,
+        }
+        return least_squares(scheme.phase_shifts_rad, name="equalised", **parts), sentence
+
+    return equalised
 
 
 def _change(
@@ -183,7 +238,7 @@ def _change(
 
 
 def _wave(
-    scheme: Scheme, found: Waveform | None, carried: Waveform | None, rules: AdaptationRules
+    scheme: Scheme, found: Waveform | None, carried: Waveform | None, blocks: list[Block], rules: AdaptationRules
 ) -> tuple[Waveform | None, tuple[str, ...], tuple[str, ...]]:
     """Choose the waveform: the plate's, unless these frames contradict it."""
     known = found is not None and found.n_blocks >= rules.blocks_to_contradict
@@ -198,7 +253,22 @@ def _wave(
         return chosen, (), caveats
     cost = ripple_rms(phase_error(scheme, ratios=chosen.ratios))
     sentence = f"gamma was corrected (exponent {chosen.gamma:.3f}, {whence}; uncorrected, {cost:.3f} rad)"
+    if blocks and not _lowers_ripple(blocks, scheme, chosen):
+        return None, (), (*caveats, f"not corrected, as the phase does not ripple so: {sentence}")
     return chosen, (sentence,), caveats
+
+
+def _lowers_ripple(blocks: list[Block], scheme: Scheme, wave: Waveform) -> bool:
+    """Tell whether the ripple that blocks show is less by that of a waveform."""
+    seen = np.array([block.ripple for block in blocks])
+    seen = np.median(seen.real, axis=0) + 1j * np.median(seen.imag, axis=0)
+    error = phase_error(scheme, ratios=wave.ratios)
+    true = TURN * np.arange(error.size) / error.size
+    by_found = np.interp(true, true + error, error, period=TURN)
+    made = np.array([2 * np.mean(by_found * np.exp(1j * order * true)) for order in RIPPLE_ORDERS])
+    # What phase shifts and brightness make is of the first and second order, and corrected before.
+    high = np.array(RIPPLE_ORDERS) > 2  # noqa: PLR2004 -- orders of ripple
+    return float(np.sum(np.abs(seen - made)[high] ** 2)) < float(np.sum(np.abs(seen)[high] ** 2))
 
 
 def _differ(found: Waveform, carried: Waveform, rules: AdaptationRules) -> bool:

@@ -14,6 +14,7 @@ LEAST_CYCLES = 3.0
 _LEAST_PIXELS = 16  # pairs of neighbours, and px along a picture's sides: fewer are a scrap of noise
 _LEAST_BLOCK_SHARE = 0.8  # of a block's pixels: the mean over a fringe with larger gaps keeps the ripple
 _LEAST_SLOPE = 1e-3  # rad/px: a fringe of 6283 px, longer than pictures are
+_STEADY = 0.7  # length of the mean of differences as turns, below which noise of 0.85 rad wraps one in thousands
 _ROUNDS = 2  # the second one with blocks as long as the first one's fringe
 _PEAK_TO_MEDIAN = 30.0  # of the spectrum's power: in noise, a peak 30 times the median is one in 10^9 frequencies
 _NO_POWER = 1e-300  # added before a logarithm
@@ -54,7 +55,8 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
     -----
     The wrapped differences to the next pixel along u and along v are averaged over blocks as large as a
     fringe, which removes the ripple of gamma and of wrong phase shifts, and the median over the blocks is taken,
-    which removes edges; over a field with perspective it is the period of the median block.
+    which removes edges; over a field with perspective it is the period of the median block. Where noise is of the
+    size of a turn the differences are taken about the direction of their mean.
 
     Raises
     ------
@@ -75,11 +77,19 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
             f"found {usable[0]} and {usable[1]} pairs of valid neighbours along u and v; a fringe period "
             f"needs at least {_LEAST_PIXELS} of each: check exposure and the mask's reasons"
         )
-    slope_u, slope_v = float(np.nanmedian(gradient_u)), float(np.nanmedian(gradient_v))
+    slope_u, slope_v = _mean_slope(gradient_u), _mean_slope(gradient_v)
     for _ in range(_ROUNDS):
         side = round(2 * np.pi / max(np.hypot(slope_u, slope_v), _LEAST_SLOPE))
-        slope_u, slope_v = _block_median(gradient_u, side, slope_u), _block_median(gradient_v, side, slope_v)
+        around = (slope + wrap(gradient - slope) for gradient, slope in ((gradient_u, slope_u), (gradient_v, slope_v)))
+        slope_u, slope_v = (_block_median(*each) for each in zip(around, (side, side), (slope_u, slope_v), strict=True))
     return _from_gradient(slope_u, slope_v)
+
+
+def _mean_slope(gradient: NDArray) -> float:
+    """Return the median difference; where noise wraps many to the other side, the direction of their mean as turns."""
+    known = gradient[np.isfinite(gradient)]
+    mean = complex(np.mean(np.exp(1j * known)))
+    return float(np.median(known)) if abs(mean) > _STEADY else float(np.angle(mean))
 
 
 def _block_median(gradient: NDArray, side: int, fallback: float) -> float:

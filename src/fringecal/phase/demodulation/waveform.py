@@ -96,6 +96,7 @@ def estimate_waveform(
 def waveform_of_blocks(blocks: list[Block]) -> Waveform:
     """Average the harmonics over blocks and frames, outliers left out."""
     first = np.array([block.signal for block in blocks])[:, None]
+    first = np.where(first == 0, NO_SCATTER, first)  # of a black frame
     order = np.array(HARMONICS)[:, None]
     ratio = np.array([block.harmonics for block in blocks]) * np.abs(first) ** (order - 1) / first**order
     # Frames of one block share its carrier and are not independent: the blocks are.

@@ -15,7 +15,9 @@ from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
 from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
+from fringecal.phase.diagnostics.looks import Look, looked_for, looks
 from fringecal.phase.diagnostics.symptoms import TESTS
+from fringecal.phase.diagnostics.symptoms_scene import frame_spectra
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Diagnosis:
         three frames): the error is the sum of `Re(r_k exp(-i k phase))`, rad; empty where it was not measured.
     notes
         What could not be measured, and why.
+    looks
+        Of every test, whether it could see, and from which size on.
     """
 
     findings: tuple[Finding, ...]
@@ -44,6 +48,16 @@ class Diagnosis:
     wave: Waveform | None
     ripple: dict[int, complex]
     notes: tuple[str, ...]
+    looks: tuple[Look, ...] = ()
+
+    @property
+    def fatal(self) -> bool:
+        """Return whether the set is not one: no correction makes a phase of it."""
+        return any(finding.kind.fatal for finding in self.findings)
+
+    def looked(self) -> tuple[str, ...]:
+        """Say what was looked for, from which size on, and what could not be looked for."""
+        return looked_for(self.looks)
 
     @property
     def ripple_rad(self) -> dict[int, float]:
@@ -63,6 +77,7 @@ def diagnose(
     reference: ArrayLike | None = None,
     mask: ArrayLike | None = None,
     mm_per_rad: float | None = None,
+    of_several: bool = False,
     limits: FindingLimits = FINDING_LIMITS,
 ) -> Diagnosis:
     """Look for every fault that phase-shifted frames can show.
@@ -82,6 +97,8 @@ def diagnose(
         True where the surface is smooth, (H, W).
     mm_per_rad
         Height that one radian stands for, to state costs in mm.
+    of_several
+        True for the longer periods of several: that there are few fringes is then no fault.
     limits
         From which size on a fault is named.
 
@@ -94,7 +111,16 @@ def diagnose(
     phase_shifts = np.asarray(phase_shifts_rad, np.float64).ravel()
     # A large residual is a symptom here, and no reason to look away.
     map_ = demodulate(grey, phase_shifts, white_level=white_level, max_residual=np.inf)
-    evidence = _with_reference(Evidence(sparse(grey), phase_shifts, map_, limits=limits), grey, reference, white_level)
+    evidence = Evidence(
+        sparse(grey),
+        phase_shifts,
+        map_,
+        limits=limits,
+        spectra=frame_spectra(grey),
+        white_level=_white_level(grey, white_level),
+        of_several=of_several,
+    )
+    evidence = _with_reference(evidence, grey, reference, white_level)
     notes: list[str] = []
     ripple: dict[int, complex] = {}
     try:
@@ -115,7 +141,15 @@ def diagnose(
         evidence.wave,
         ripple,
         tuple(notes),
+        looks(evidence),
     )
+
+
+def _white_level(grey: NDArray, stated: float | None) -> float | None:
+    """Return the stated level of saturation, or that of the numbers' type."""
+    if stated is not None or not np.issubdtype(grey.dtype, np.integer):
+        return stated
+    return float(np.iinfo(grey.dtype).max)
 
 
 def _with_reference(

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fringecal.numerics import TURN
 from fringecal.phase.demodulation.blocks import Block
 from fringecal.phase.demodulation.demodulate import TYPICAL_PERCENTILE, PhaseMap
 from fringecal.phase.demodulation.fringe_period import FringePeriod
@@ -13,6 +14,7 @@ from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.waveform import Waveform
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
+from fringecal.phase.diagnostics.frame_spectra import FrameSpectra
 
 _SAMPLES_ALONG = 160  # along each axis of the sparse sample: 25 000 pixels
 _LIT = 0.2  # of the picture's better part, above which a pixel is lit
@@ -69,6 +71,12 @@ class Evidence:
         The same sample of the reference frames, (N, M), and their fringe period.
     limits
         From which size on a fault is named.
+    spectra
+        The frames' spectra, compared; None where the pictures are too small.
+    white_level
+        Grey level of saturated pixels; None where it is not known.
+    of_several
+        Whether the set is one of the longer periods of several.
     """
 
     frames: NDArray[np.float64]
@@ -81,6 +89,19 @@ class Evidence:
     reference: NDArray[np.float64] | None = None
     reference_period: FringePeriod | None = None
     limits: FindingLimits = FINDING_LIMITS
+    spectra: FrameSpectra | None = None
+    white_level: float | None = None
+    of_several: bool = False
+
+    @property
+    def fringes(self) -> float:
+        """Return the fringes in the picture: by their period, or by the highest peak of the frames' spectra."""
+        by_spectrum = 0.0 if self.spectra is None else self.spectra.cycles
+        if self.period is None:
+            return by_spectrum
+        height, width = self.map.phase.shape
+        along_u, along_v = np.abs(self.period.gradient_rad_px)
+        return max(by_spectrum, float(width * along_u + height * along_v) / TURN)
 
 
 def sparse(frames: NDArray) -> NDArray[np.float64]:

@@ -9,12 +9,15 @@ class FindingKind(Enum):
     STALE_FRAME = "stale frame"
     DUPLICATE_FRAMES = "duplicate frames"
     SWAPPED_FRAMES = "swapped frames"
+    ANOTHER_PERIOD = "frame of another period"
+    FOREIGN_FRAME = "foreign frame"
     SATURATION = "saturation"
     LAMP_DRIFT = "lamp drift"
     VIBRATION = "vibration"
     VIBRATION_BETWEEN_REPEATS = "vibration between repeats"
     CLIPPED_SLIDE = "clipped slide"
     GAMMA = "gamma"
+    THIRD_HARMONIC = "third harmonic"
     DEFOCUS = "defocus"
     WRONG_PHASE_SHIFTS = "wrong steps"
     UNEVEN_PHASE_SHIFTS = "uneven steps"
@@ -32,7 +35,15 @@ class FindingKind(Enum):
         return FINDING_TEXTS[self]
 
 
-_FATAL = frozenset({FindingKind.STALE_FRAME, FindingKind.DUPLICATE_FRAMES, FindingKind.SWAPPED_FRAMES})
+_FATAL = frozenset(
+    {
+        FindingKind.STALE_FRAME,
+        FindingKind.DUPLICATE_FRAMES,
+        FindingKind.SWAPPED_FRAMES,
+        FindingKind.ANOTHER_PERIOD,
+        FindingKind.FOREIGN_FRAME,
+    }
+)
 
 #: What a reader sees of each, in reports, tables and messages: a text can be changed here and steers nothing.
 FINDING_TEXTS: dict[FindingKind, str] = {one: one.value for one in FindingKind} | {

@@ -42,8 +42,15 @@ class FindingLimits:
     clipping, of_second
         Third harmonic that no gamma explains, as a share of the first, and of the second: two gammas one after the
         other, or light added between, leave so much.
-    second_harmonic, gamma_rad
-        A gamma is named from this share of the second harmonic, or from this ripple, rms, rad.
+    gamma_rad
+        Ripple from which harmonics are named, rms, rad: what they cost with the phase shifts at hand.
+    scene_cycles
+        Fringes in the picture from which spectra tell frames apart.
+    scene_apart, scene_over_others
+        A frame shows something else from this share of the spectrum, and so many times what other frames differ by:
+        clean sets reach 0.02, a period longer by a fringe of the picture 0.08.
+    least_cost_rad
+        Ripple below which frames of other brightness are no finding, rms, rad.
     saturated
         Share of the picture's pixels at the white level.
     contrast
@@ -71,8 +78,11 @@ class FindingLimits:
     blur: float = 0.04
     clipping: float = 0.045
     of_second: float = 0.35
-    second_harmonic: float = 0.04
     gamma_rad: float = 0.012
+    scene_cycles: float = 3.0
+    scene_apart: float = 0.07
+    scene_over_others: float = 3.0
+    least_cost_rad: float = 0.004
     saturated: float = 0.003
     contrast: float = 0.25
     phase_shifts_rad: float = 0.004

@@ -13,6 +13,7 @@ from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate
 from fringecal.phase.demodulation.waveform import Waveform
 from fringecal.phase.diagnostics.evidence import Evidence, sparse
 from fringecal.phase.diagnostics.symptoms_frames import misordered
+from fringecal.phase.diagnostics.symptoms_scene import frame_spectra, other_scene
 
 LEAST_VALID = 0.005
 """Share of a picture that must carry fringes; noise alone looks like some at one pixel in 2000."""
@@ -89,7 +90,7 @@ def summarise(
 
 
 def demand_phase(summary: PhaseSummary, frames: ArrayLike, phase_shifts_rad: ArrayLike) -> None:
-    """Refuse a set that shows no fringes, or whose frames are in another order than their phase shifts.
+    """Refuse a set without fringes, with frames of another scene, or with frames in another order than stated.
 
     Raises
     ------
@@ -97,7 +98,11 @@ def demand_phase(summary: PhaseSummary, frames: ArrayLike, phase_shifts_rad: Arr
         With what was found instead.
     """
     phase_shifts = np.asarray(phase_shifts_rad, np.float64).ravel()
-    swapped = list(misordered(Evidence(sparse(np.asarray(frames)), phase_shifts, summary.map)))
+    grey = np.asarray(frames)
+    evidence = Evidence(sparse(grey), phase_shifts, summary.map, summary.period, spectra=frame_spectra(grey))
+    for foreign in other_scene(evidence):
+        raise PhaseError(f"{foreign.what} ({foreign.how_large}): {foreign.remedy}")
+    swapped = list(misordered(evidence))
     if swapped and not summary.undone:
         raise PhaseError(f"{swapped[0].what} ({swapped[0].how_large}): {swapped[0].remedy}")
     shares = summary.map.shares()

@@ -6,9 +6,11 @@ the ripple of the phase alone names a family only: order 1 a frame's brightness,
 
 from fringecal.phase.diagnostics.symptoms_frames import duplicates, foreign, mirrored, misordered
 from fringecal.phase.diagnostics.symptoms_light import brightness, contrast, saturated, waveform
+from fringecal.phase.diagnostics.symptoms_scene import other_scene
 from fringecal.phase.diagnostics.symptoms_shifts import sampling, wrong_phase_shifts
 
 TESTS = (
+    other_scene,
     duplicates,
     misordered,
     mirrored,

@@ -3,13 +3,17 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fringecal.numerics import TURN
+from fringecal.phase.demodulation.blocks import HARMONICS
 from fringecal.phase.demodulation.demodulate import Reason
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, share_of_mean
 from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
+_MOST_FRAMES = 8  # that a remedy asks for
 _NO_LIGHT = 1e-6  # grey levels, instead of a division by 0
 
 
@@ -35,58 +39,91 @@ def brightness(evidence: Evidence) -> Iterator[Finding]:
     modulation, background = gain - 1, share - 1
     blurred = modulation - background
     worst = int(np.abs(background).argmax())
-    if abs(background[worst]) > max(evidence.limits.background, SIGNIFICANT * u_background[worst]):
-        level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
-        error = phase_error(evidence.phase_shifts_rad, gains=1 + modulation, offsets=level * background)
+    level = float(np.median([b.background.mean() / np.abs(b.signal).mean() for b in evidence.blocks]))
+    cost = ripple_rms(phase_error(evidence.phase_shifts_rad, gains=1 + modulation, offsets=level * background))
+    other = abs(background[worst]) > max(evidence.limits.background, SIGNIFICANT * u_background[worst])
+    if other and cost > evidence.limits.least_cost_rad:
         yield Finding(
             FindingKind.LAMP_DRIFT,
             f"frame {worst + 1} is {'brighter' if background[worst] > 0 else 'darker'} than the set's mean",
             f"{background[worst]:+.1%} in background, {modulation[worst]:+.1%} in modulation",
-            ripple_rms(error),
+            cost,
             "let the lamp warm up, keep room light out; commission, verify and reconstruct correct it",
         )
     weakest = int(blurred.argmin())
     u_blurred = float(np.hypot(u_modulation[weakest], u_background[weakest]))
     least = evidence.limits.blur
-    if -blurred[weakest] > max(least, SIGNIFICANT * u_blurred) and abs(background[worst]) < least:
+    cost = ripple_rms(phase_error(evidence.phase_shifts_rad, gains=1 + modulation))
+    weaker = -blurred[weakest] > max(least, SIGNIFICANT * u_blurred) and abs(background[worst]) < least
+    if weaker and cost > evidence.limits.least_cost_rad:
         yield Finding(
             FindingKind.VIBRATION,
             f"the fringes of frame {weakest + 1} are weaker at the same brightness: they moved while it was exposed",
             f"{blurred[weakest]:+.1%} in modulation",
-            ripple_rms(phase_error(evidence.phase_shifts_rad, gains=1 + modulation)),
+            cost,
             "let the vibration decay before each frame, or use a shorter exposure; take the set again",
         )
 
 
 def waveform(evidence: Evidence) -> Iterator[Finding]:
-    """Find fringes that are no cosine: a gamma, or a clipped slide."""
-    wave, limits = evidence.wave, evidence.limits
+    """Find fringes that are no cosine, named by the harmonic that costs most with the phase shifts at hand."""
+    wave, limits, shifts = evidence.wave, evidence.limits, evidence.phase_shifts_rad
     if wave is None:
         return
-    second, third = float(wave.ratios[0].real), float(wave.ratios[1].real)
-    cost = ripple_rms(phase_error(evidence.phase_shifts_rad, ratios=wave.ratios))
+    second, third = (float(ratio.real) for ratio in wave.ratios[:2])
     of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
-    clipped = third - of_gamma
     # Light that is added after a strong gamma, or two gammas one after the other, leave a third harmonic too.
-    if abs(clipped) > max(limits.clipping, SIGNIFICANT * wave.u[1], limits.of_second * abs(second)):
-        yield Finding(
-            FindingKind.CLIPPED_SLIDE,
-            "the fringes have flat tops or bottoms: the slide or the projector clips them",
-            f"third harmonic {third:+.1%} of the first, where gamma would give {of_gamma:+.1%}",
-            cost,
-            "lower the contrast of the printed or displayed fringes; take four frames or more",
-        )
+    flat = of_gamma - third > max(limits.clipping, SIGNIFICANT * wave.u[1], limits.of_second * abs(second))
+    ratios = _clipped_ratios(third - of_gamma) if flat else wave.significant
+    cost = ripple_rms(phase_error(shifts, ratios=ratios))
+    if cost < limits.gamma_rad:
         return
-    harm = ripple_rms(phase_error(evidence.phase_shifts_rad, ratios=wave.significant))
-    if harm > limits.gamma_rad or abs(wave.significant[0]) > limits.second_harmonic:
-        yield Finding(
-            FindingKind.GAMMA,
-            "projector or camera does not respond in proportion to light",
-            f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}): second harmonic {second:+.1%} of the first, "
-            f"third {third:+.1%}",
-            cost,
-            "switch gamma off in projector and camera, or take four frames; commission, verify, reconstruct correct it",
-        )
+    costs = [_cost_of(shifts, wave.significant, order) for order in HARMONICS]
+    if flat:
+        kind, what = FindingKind.CLIPPED_SLIDE, "the fringes have flat tops and bottoms: the slide or projector clips"
+        remedy = "lower the contrast of the printed or displayed fringes"
+    elif costs[1] > costs[0] and abs(third - of_gamma) > abs(of_gamma):
+        kind, what = FindingKind.THIRD_HARMONIC, "the fringes have a third harmonic that no gamma explains"
+        remedy = "display or print fringes as cosines"
+    else:
+        kind, what = FindingKind.GAMMA, "projector or camera does not respond in proportion to light"
+        remedy = "switch gamma off in projector and camera"
+    named = zip(("second", "third", "fourth"), wave.ratios, costs, strict=True)
+    shown = ", ".join(f"{name} {ratio.real:+.1%} of the first ({alone:.3f} rad)" for name, ratio, alone in named)
+    size = f"exponent {wave.gamma:.2f} (u {wave.u_gamma:.2g}); " if kind is FindingKind.GAMMA else ""
+    more = _enough_frames(len(shifts), ratios, limits.gamma_rad)
+    remedy += f", or take {more} frames" if more else ""
+    yield Finding(kind, what, size + shown, cost, f"{remedy}; commission, verify, reconstruct correct it")
+
+
+def _clipped_ratios(third: float) -> NDArray[np.float64]:
+    """Return harmonics 2, 3, ... of a cosine cut at both ends so that its third is this share of the first.
+
+    Only the first few can be measured, and of a cut cosine the fifth and seventh cost most with three or four frames.
+    """
+    angle = TURN * np.arange(_CUT_SAMPLES) / _CUT_SAMPLES
+    waves = np.clip(np.cos(angle), -_CUTS[:, None], _CUTS[:, None])
+    parts = np.fft.rfft(waves, axis=1).real[:, 1 : _CUT_HARMONICS + 1]
+    ratios = parts[:, 1:] / parts[:, :1]
+    return np.asarray(ratios[np.abs(ratios[:, 1] - third).argmin()])
+
+
+_CUTS = np.linspace(0.05, 1.0, 96)  # of the amplitude, at which a cosine is cut
+_CUT_SAMPLES, _CUT_HARMONICS = 256, 20
+
+
+def _cost_of(phase_shifts_rad: NDArray, ratios: NDArray, order: int) -> float:
+    """Return the ripple that one harmonic alone makes with these phase shifts, rms, rad."""
+    alone = np.where(np.array(HARMONICS) == order, ratios, 0)
+    return ripple_rms(phase_error(phase_shifts_rad, ratios=alone))
+
+
+def _enough_frames(count: int, ratios: NDArray, most_rad: float) -> int | None:
+    """Return the least number of evenly spaced frames, more than now, whose ripple is too small to be named."""
+    for more in range(count + 1, _MOST_FRAMES + 1):
+        if ripple_rms(phase_error(TURN * np.arange(more) / more, ratios=ratios)) < most_rad:
+            return more
+    return None
 
 
 def contrast(evidence: Evidence) -> Iterator[Finding]:

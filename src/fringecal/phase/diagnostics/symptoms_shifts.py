@@ -57,7 +57,7 @@ def sampling(evidence: Evidence) -> Iterator[Finding]:
             None,
             "use a coarser slide or a closer camera",
         )
-    elif length / period.period_px < evidence.limits.fringes:
+    elif length / period.period_px < evidence.limits.fringes and not evidence.of_several:
         yield Finding(
             FindingKind.LONG_FRINGES,
             "there are few fringes in the picture: the phase changes little with height",

@@ -15,6 +15,7 @@ def findings_section(diagnosed: Sequence[CaptureDiagnosis]) -> Section:
     if clean:
         paragraphs.append(f"Nothing wrong was found in: {', '.join(clean)}.")
     paragraphs += [f"{one.phase.capture.name}: {note}." for one in diagnosed for note in one.diagnosis.notes]
+    paragraphs += [f"{one.phase.capture.name}: {part}." for one in diagnosed for part in one.diagnosis.looked()]
     rows = [_row(one, k) for one in diagnosed for k in range(len(one.findings))]
     formats = {"rms error /  rad": ".3f", "rms error /  mm": ".3f"}
     note = "errors are rms over a fringe with the stated phase shifts; corrected effects do not reach the heights"
