@@ -396,7 +396,7 @@ VERBS: tuple[tuple[str, list[str], int], ...] = (
     ("check", ["--json"], 1),
     ("targets show", ["--json"], 1),
     ("targets print", ["--out", "--page", "--margin-mm"], 1),
-    ("grid", ["--target", "--pitch-mm", "--out", "--channel", "--polarity", "--json"], 1),
+    ("grid", ["--target", "--pattern", "--centre", "--out", "--channel", "--polarity", "--json"], 1),
     ("phase", ["--steps-deg", "--periods", "--out", "--bits", "--channel", "--capture"], 1),
     ("lens", ["--target", "--out", "--channel", "--solver", "--model"], 1),
     ("angle", ["--out", "--limits"], 1),

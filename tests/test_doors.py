@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "fringecal"
 
-EVERYONE = {"errors", "guarded", "numerics", "uncertainty"}
+EVERYONE = {"errors", "guarded", "numerics", "replacement", "uncertainty"}
 MEASURING = {
     "session", "targets", "detect", "phase", "camera", "projector", "calibration", "reconstruct", "verification",
 }  # fmt: skip
@@ -60,6 +60,7 @@ WORKFLOWS = {
 
 AT_THE_DISK = {"session", "records", "history", "report", "serve", "cli"}
 READERS = {"targets.target_files", "simulate.rig.rig_files", "guarded"}  # TOML files of a room; text within limits
+WRITERS = {"replacement"}  # puts in place what session and records have written
 DISK_CALLS = {
     "open", "mkdir", "makedirs", "rmdir", "unlink", "rename", "touch",
     "read_text", "read_bytes", "write_text", "write_bytes",
@@ -178,7 +179,14 @@ def test_the_table_of_the_house_says_what_is_enforced_here(room):
 
 
 def test_every_module_stands_in_a_room():
-    assert {name.split(".")[0] for name in SOURCES} - {"", "errors", "guarded", "numerics", "__main__"} == ROOMS
+    assert {name.split(".")[0] for name in SOURCES} - {
+        "",
+        "errors",
+        "guarded",
+        "numerics",
+        "replacement",
+        "__main__",
+    } == ROOMS
 
 
 @pytest.mark.parametrize("room", sorted(ALLOWED))
@@ -190,7 +198,7 @@ def test_imports_go_through_the_doors(room):
 def test_errors_and_numerics_import_no_room():
     assert rooms_entered("errors") == set()
     assert rooms_entered("numerics") <= {"errors"}
-    assert rooms_entered("guarded") == set()
+    assert rooms_entered("guarded") == rooms_entered("replacement") == set()
 
 
 def test_rooms_are_entered_by_their_faces():
@@ -269,7 +277,12 @@ def test_no_two_rooms_import_each_other():
 def test_only_rooms_at_the_disk_touch_it():
     touches = {name: disk_touches(tree) for name, tree in TREES.items()}
     inside = {name for name, calls in touches.items() if calls and name.split(".")[0] not in AT_THE_DISK}
-    assert inside <= READERS, {name: touches[name] for name in inside - READERS}
+    assert inside - WRITERS <= READERS, {name: touches[name] for name in inside - READERS - WRITERS}
+
+
+def test_what_replaces_folders_is_used_at_the_disk_alone():
+    users = {name.split(".")[0] for name in SOURCES if "replacement" in rooms_entered(name)}
+    assert users <= {"session", "records", "cli"}
 
 
 @pytest.mark.parametrize("name", sorted(READERS))

@@ -149,7 +149,7 @@ def json_of(text: str) -> dict[str, Any]:
     return document
 
 
-def shortened(value: object) -> str:
+def shortened(value: object, most: int = MOST_SHOWN) -> str:
     r"""Return a text, or what stands for a value, on one line that is short enough for a message.
 
     Examples
@@ -158,7 +158,7 @@ def shortened(value: object) -> str:
     ('line line', 200)
     """
     text = " ".join(str(value).split())
-    return text if len(text) <= MOST_SHOWN else f"{text[: MOST_SHOWN - 3]}..."
+    return text if len(text) <= most else f"{text[: most - 3]}..."
 
 
 def quoted(value: object) -> str:

@@ -19,7 +19,7 @@ def contents(folder):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of another kind")
-@pytest.mark.parametrize("name", ["SIGINT", "SIGKILL"])
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGKILL"])
 def test_an_older_result_survives(data, calibration, tmp_path, name):
     out = tmp_path / "calibration"
     shutil.copytree(calibration, out)
@@ -33,10 +33,11 @@ def test_an_older_result_survives(data, calibration, tmp_path, name):
         _, complaint = process.communicate(timeout=PATIENCE_S)
     assert process.returncode != 0
     assert contents(out) == before
-    if name == "SIGINT":
-        assert complaint.strip().splitlines()[-1].startswith("interrupted: nothing was written")
+    if name != "SIGKILL":
+        word, code = {"SIGINT": ("interrupted", 130), "SIGTERM": ("terminated", 143)}[name]
+        assert complaint.strip().splitlines()[-1].startswith(f"{word}: nothing was written")
         assert "Traceback" not in complaint
-        assert process.returncode == 130
+        assert process.returncode == code
         assert sorted(path.name for path in tmp_path.iterdir()) == ["calibration"]
 
 

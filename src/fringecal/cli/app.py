@@ -1,15 +1,21 @@
 """The `fringecal` command: collects the verbs and turns errors into one message and an exit code."""
 
+import contextlib
 import importlib
 import os
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from typing import NoReturn
 
 import typer
 
 from fringecal import __version__
 from fringecal.cli.shared.console import complain, prepare_streams
-from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS
+from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS, EXIT_TERMINATED
 from fringecal.errors import FringecalError
+from fringecal.replacement import put_in_place_so_far
 
 VERBS = (
     "demo",
@@ -59,8 +65,13 @@ def build_app(only: str | None = None) -> typer.Typer:
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance, 130 interrupted."""
+    """Run the command; exit codes are 0 pass, 1 error, 2 usage, 3 out of tolerance, 130 interrupted, 143 terminated."""
     prepare_streams()
+    with _ended_tidily():
+        _run(arguments)
+
+
+def _run(arguments: list[str] | None) -> None:
     try:
         given = sys.argv[1:] if arguments is None else arguments
         build_app(given[0] if given else None)(args=given)
@@ -74,11 +85,10 @@ def main(arguments: list[str] | None = None) -> None:
         complain(FringecalError(_of_the_system(error)))
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
-        _print_interrupted()
-        sys.exit(EXIT_INTERRUPTED)
+        _stop_interrupted()
     except SystemExit as stop:  # Typer's way to pass on an interruption of a verb
         if stop.code == EXIT_INTERRUPTED:
-            _print_interrupted()
+            _stop_interrupted()
         raise
 
 
@@ -91,5 +101,37 @@ def _of_the_system(error: BaseException) -> str:
     return f"not enough {short}; give smaller files"
 
 
-def _print_interrupted() -> None:
-    print("interrupted: nothing was written of what was not complete; run the command again", file=sys.stderr)
+def _stop_interrupted() -> NoReturn:
+    """Say what stands, and end with the code of what came: Ctrl-C, or a request to end."""
+    word, code = ("terminated", EXIT_TERMINATED) if _TOLD_TO_END else ("interrupted", EXIT_INTERRUPTED)
+    there = " and ".join(str(path) for path in put_in_place_so_far())
+    stands = f"{there} was complete and stands, nothing else was written" if there else "nothing was written"
+    print(f"{word}: {stands}; run the command again", file=sys.stderr)
+    sys.exit(code)
+
+
+_TOLD_TO_END: list[int] = []
+"""Signals by which the system asked the command to end."""
+
+
+@contextlib.contextmanager
+def _ended_tidily() -> Iterator[None]:
+    """Let a request to end (SIGTERM, a closed terminal) clear away as Ctrl-C does."""
+    _TOLD_TO_END.clear()
+    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    if threading.current_thread() is not threading.main_thread():
+        numbers = []
+    before = {number: signal.getsignal(number) for number in numbers}
+    ours = [number for number, handler in before.items() if handler is signal.SIG_DFL]
+    try:
+        for number in ours:
+            signal.signal(number, _told_to_end)
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, before[number])
+
+
+def _told_to_end(number: int, _: object) -> NoReturn:
+    _TOLD_TO_END.append(number)
+    raise KeyboardInterrupt

@@ -1,23 +1,18 @@
 """Writing so that a reader never meets half a file: to a sibling first, then renamed into place."""
 
 import contextlib
-import glob
 import hashlib
 import os
-import secrets
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fringecal.errors import RecordError
+from fringecal.replacement import flush_folder, hidden_beside, put_in_place, settle, signals_deferred
 
 if TYPE_CHECKING:
     import pandas as pd
-
-ABANDONED_S = 24 * 3600.0
-"""Age in s after which what a killed command had gathered is cleared away by the next one; none works so long at it."""
 
 EARLIER = "earlier"
 """Folder beside a record that keeps those that stood in its place."""
@@ -29,7 +24,8 @@ def replacing(path: str | Path) -> Iterator[Path]:
 
     The file is flushed to the disk before the rename and its folder after it, so that after a
     crash the old or the new content is there, whole. On any error the sibling is removed and
-    `path` stays as it was. The sibling keeps the suffix, since libraries choose formats by it.
+    `path` stays as it was. The sibling keeps the suffix, since libraries choose formats by it; what a
+    command that was killed left of the same path is removed.
 
     Raises
     ------
@@ -46,17 +42,19 @@ def replacing(path: str | Path) -> Iterator[Path]:
     ['scale.csv']
     """
     path = Path(path)
-    sibling = path.with_name(f".{path.stem}.{secrets.token_hex(4)}.partial{path.suffix}")
+    sibling = hidden_beside(path, suffix=path.suffix)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
+        settle(path)
         yield sibling
-        _flush(sibling)
-        os.replace(sibling, path)  # noqa: PTH105 -- the one call that is atomic on every system
-        _flush_folder(path.parent)
+        with signals_deferred():
+            _flush(sibling)
+            os.replace(sibling, path)  # noqa: PTH105 -- the one call that is atomic on every system
+            flush_folder(path.parent)
     except OSError as error:
         raise RecordError(f"{path}: cannot be written ({error.strerror or error})") from error
     finally:
-        with contextlib.suppress(OSError):  # where nothing can be made, nothing is left
+        with contextlib.suppress(OSError), signals_deferred():  # where nothing can be made, nothing is left
             sibling.unlink()
 
 
@@ -81,56 +79,37 @@ def write_table(path: str | Path, frame: "pd.DataFrame") -> Path:
 
 @contextlib.contextmanager
 def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iterator[Path]:
-    """Lend a hidden sibling folder to write results into; they move to `folder` all together.
+    """Lend a hidden sibling folder to write results into; they take the place of `folder` in one step.
 
-    If the block fails or is interrupted, the sibling is removed and `folder` stays as it was.
-    A new `folder` appears in one rename. Into an existing one the files are renamed one by one,
-    the file named `last` after all others, so that a record never stands before its results;
-    files of other names are left alone. A record that is replaced is kept in `earlier/`, named
-    by its hash: audits, verifications and certificates may rest on it. What a command that was
-    killed had gathered for the same folder is removed once it is a day old.
+    If the block fails or is interrupted, the sibling is removed and `folder` stays as it was. What `folder`
+    held beside the results stays in it. A record that is replaced, the file named `last`, is kept in
+    `earlier/`, named by its hash: audits, verifications and certificates may rest on it. What commands that
+    were killed had gathered for the same folder is removed (`fringecal.replacement`).
 
     Raises
     ------
     RecordError
         `folder` is a file, or the operating system refuses to write there.
     """
-    folder = Path(folder).absolute()
-    staging = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}.partial")
-    if folder.exists() and not folder.is_dir():
+    folder = Path(os.path.realpath(folder))
+    if not folder.name:
+        raise RecordError(f"{folder}: a folder of its own is needed for results; name one in it")
+    staging = hidden_beside(folder)
+    if os.path.lexists(folder) and not folder.is_dir():
         raise RecordError(f"{folder}: a folder for results was needed, found a file; name another")
     try:
-        staging.mkdir(parents=True)
-        _clear_abandoned(folder)
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        settle(folder)
+        staging.mkdir()
         yield staging
-        _move_all(staging, folder, last)
+        for file in sorted(file for file in staging.rglob("*") if file.is_file()):
+            _flush(file)
+        put_in_place(staging, folder, keep_others=True, merge=lambda: _keep_earlier(folder / last, staging / last))
     except OSError as error:
         raise RecordError(f"{folder}: cannot be written ({error.strerror or error})") from error
     finally:
-        shutil.rmtree(staging, ignore_errors=True)
-
-
-def _clear_abandoned(folder: Path) -> None:
-    for left in folder.parent.glob(f".{glob.escape(folder.name)}.*.partial"):
-        if time.time() - left.stat().st_mtime > ABANDONED_S:
-            shutil.rmtree(left, ignore_errors=True)
-
-
-def _move_all(staging: Path, folder: Path, last: str) -> None:
-    files = sorted(file for file in staging.rglob("*") if file.is_file())
-    for file in files:
-        _flush(file)
-    if not folder.exists():
-        staging.rename(folder)
-        _flush_folder(folder.parent)
-        return
-    for file in sorted(files, key=lambda file: file.name == last):
-        target = folder / file.relative_to(staging)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        if target == folder / last:
-            _keep_earlier(target, file)
-        file.replace(target)
-        _flush_folder(target.parent)
+        with signals_deferred():
+            shutil.rmtree(staging, ignore_errors=True)
 
 
 def earlier_record(record: Path, sha256: str) -> Path:
@@ -139,26 +118,17 @@ def earlier_record(record: Path, sha256: str) -> Path:
 
 
 def _keep_earlier(record: Path, successor: Path) -> None:
-    """Copy a record that is about to be replaced by another to where it will still be found by its hash."""
-    if record.suffix != ".json" or not record.exists():
+    """Put a record that is about to be replaced by another beside its successor, where its hash still finds it."""
+    if record.suffix != ".json" or not record.is_file() or not successor.is_file():
         return
     content = record.read_bytes()
     if content != successor.read_bytes():
-        kept = earlier_record(record, hashlib.sha256(content).hexdigest())
+        kept = earlier_record(successor, hashlib.sha256(content).hexdigest())
         kept.parent.mkdir(exist_ok=True)
-        write_bytes(kept, content)
+        kept.write_bytes(content)
+        _flush(kept)
 
 
 def _flush(file: Path) -> None:
     with file.open("rb+") as stream:
         os.fsync(stream.fileno())
-
-
-def _flush_folder(folder: Path) -> None:
-    # Windows cannot open a folder for this; its renames are journalled.
-    with contextlib.suppress(PermissionError):
-        descriptor = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

@@ -1,8 +1,6 @@
 """Write a session folder: all of it or nothing."""
 
-import os
 import shutil
-import uuid
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -13,6 +11,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from fringecal.errors import SessionError
+from fringecal.replacement import hidden_beside, put_in_place, settle, signals_deferred
 from fringecal.session.document import FILE_NAME, SessionDocument, is_inside
 from fringecal.session.toml_text import to_toml
 
@@ -51,12 +50,14 @@ def write_session(
     faults += _folder_faults(folder, overwrite=overwrite)
     if faults:
         raise SessionError(faults)
-    part = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.part")
+    part = hidden_beside(folder)
     try:
+        settle(folder)
         _fill(part, document, frames, extra_files)
-        _put_in_place(part, folder)
+        put_in_place(part, folder, keep_others=False)
     finally:
-        shutil.rmtree(part, ignore_errors=True)
+        with signals_deferred():
+            shutil.rmtree(part, ignore_errors=True)
     return folder
 
 
@@ -128,18 +129,3 @@ def _fill(
 def _write_bytes(path: Path, content: bytes) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
-
-
-def _put_in_place(part: Path, folder: Path) -> None:
-    if not folder.exists():
-        os.replace(part, folder)
-        return
-    # A folder cannot be replaced while it holds files: step the old one aside, then drop it.
-    aside = folder.with_name(f".{folder.name}.{uuid.uuid4().hex[:8]}.old")
-    os.replace(folder, aside)
-    try:
-        os.replace(part, folder)
-    except OSError:
-        os.replace(aside, folder)
-        raise
-    shutil.rmtree(aside)

@@ -25,6 +25,7 @@ from fringecal.targets.aruco import ALIKE
 from fringecal.targets.kinds_of_target import KINDS, Target
 from fringecal.targets.quantity import HOW_TO_STATE
 
+_MOST_SAID = 600  # characters of what a target says of itself; values of any length may stand in it
 QUANTITY_KEYS = ("value", "u", "half_width", "distribution")
 
 
@@ -157,7 +158,7 @@ def _fault(found: Mapping[str, Any], fields: list[str]) -> str:
         case "missing":
             return f"{where}: is missing; {_how_to_state(key)}"
         case "value_error":
-            return f"{where}: {found['ctx']['error']}"
+            return f"{where}: {shortened(found['ctx']['error'], _MOST_SAID)}"
     return f"{where}: {found['msg']}, found {quoted(found['input'])}"
 
 

@@ -1,6 +1,6 @@
 """What every verb writes: record, tables, figures and report, all together or not at all."""
 
-import tempfile
+import os
 from collections.abc import Callable, Sequence
 from contextlib import contextmanager
 from functools import partial
@@ -12,6 +12,7 @@ import typer
 from fringecal.cli.shared.console import console
 from fringecal.cli.shared.exit_codes import EXIT_OUT_OF_TOLERANCE
 from fringecal.errors import RecordError
+from fringecal.replacement import hidden_beside, settle
 from fringecal.report import REPORT_FILE
 from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
     from fringecal.records import Check
 
 LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
+
+_TRIED = "fringecal"  # of a folder that is made and removed to see whether one may be
 
 _VERDICTS = {
     "pass": "PASS",
@@ -37,18 +40,23 @@ _STYLES = {
 
 
 def demand_folder(out: Path) -> None:
-    """Refuse a place for results before the work is done, not after it.
+    """Refuse a place for results before the work is done, not after it; clear away what killed commands left there.
 
     Raises
     ------
     RecordError
         `out` is a file, or lies in one, or in a folder where nothing may be written.
     """
-    place = next(place for place in (out, *out.absolute().parents) if place.exists())
+    place = next(place for place in (out, *out.absolute().parents) if os.path.exists(place))
     if not place.is_dir():
         raise RecordError(f"{out}: a folder for results was needed, but {place} is a file; name another")
     try:
-        tempfile.TemporaryDirectory(prefix=".fringecal-", dir=place).cleanup()  # rights alone do not tell
+        settle(place / _TRIED)
+        if out.name:
+            settle(out.absolute())
+        tried = hidden_beside(place / _TRIED)
+        tried.mkdir()  # rights alone do not tell
+        tried.rmdir()
     except OSError as error:
         raise RecordError(
             f"{out}: nothing may be written in {place} ({error.strerror}); name another folder for the results"
