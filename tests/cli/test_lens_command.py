@@ -33,7 +33,7 @@ def test_results_are_written_and_agree(run, tmp_path):
         ([*PICTURES], 2, "--target"),
         ([*PICTURES, *BOARD, "--solver", "magic"], 2, "none of auto, mrcal, opencv"),
         ([*PICTURES, *BOARD, "--model", "magic"], 2, "none of brown"),
-        ([*PICTURES, *BOARD, "--distance-mm", "-5"], 2, "in front of the camera"),
+        ([*PICTURES, *BOARD, "--distance-mm", "-5"], 2, "above zero"),
         ([*PICTURES, "--target", "no-such-board"], 1, "no-such-board"),
         ([*PICTURES[:1], *BOARD], 1, "square-on"),
         (["nowhere.png", *BOARD], 1, "nowhere.png"),

@@ -10,6 +10,7 @@ import typer
 from typer.testing import CliRunner
 
 from fringecal.cli import phase as verb
+from fringecal.cli.shared.judged_options import judge_options
 from fringecal.errors import PhaseError, SessionError
 
 app = typer.Typer()
@@ -21,6 +22,7 @@ def root():
 
 
 verb.register(app)
+judge_options(app)
 runner = CliRunner()
 
 
@@ -79,7 +81,7 @@ def test_table_for_people(lens):
         (["a.png", "--steps", "0,120,240", "--capture", "x"], "give a session folder"),
         (["a.png", "--steps", "0,120,240", "--counts=1,8", "--periods=8,1"], "counts say what --periods"),
         (["a.png", "--steps", "0,120,240", "--counts=0,8"], "counts of fringes are above 0"),
-        (["a.png", "--steps", "0,120,240", "--periods=8,1", "--extent=nan"], "is no length"),
+        (["a.png", "--steps", "0,120,240", "--periods=8,1", "--extent=nan"], "finite number"),
     ],
 )
 def test_usage_errors(arguments, message):

@@ -2,7 +2,9 @@
 
 import math
 import os
+import shutil
 import signal
+import subprocess
 from dataclasses import replace
 from functools import partial
 
@@ -19,7 +21,7 @@ from fringecal.uncertainty.coverage import wilson_interval
 from fringecal.workflows.study.coverage_summary import summarise
 from fringecal.workflows.study.drawn_rigs import STEP_ERROR_DEG, draw_rig
 from fringecal.workflows.study.run import StudyPlan, examine_rig, run_study
-from fringecal.workflows.study.workers import cluster, local_pool
+from fringecal.workflows.study.workers import ClusterKeys, cluster, local_pool
 
 
 # Newcombe, Statistics in Medicine 17 (1998) 857, table I, method 3.
@@ -188,6 +190,47 @@ def test_a_cluster_without_workers_is_given_up():
         pytest.raises(FringecalError, match="no worker for 0.2 s.*start workers"),
     ):
         list(cluster(StudyPlan(), [0], address=nobody.scheduler_address, without_workers_s=0.2))
+
+
+def test_a_cluster_that_asks_for_keys_is_reached_with_them_alone(tmp_path):
+    distributed = pytest.importorskip("distributed")
+    if shutil.which("openssl") is None:
+        pytest.skip("no openssl to make certificates with")
+    make = "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=localhost -keyout key.pem -out certificate.pem"
+    subprocess.run(make.split(), cwd=tmp_path, check=True, capture_output=True)
+    ca, key = tmp_path / "certificate.pem", tmp_path / "key.pem"
+    named = {"tls_ca_file": ca, "tls_scheduler_cert": ca, "tls_scheduler_key": key, "tls_client_cert": ca}
+    security = distributed.Security(
+        require_encryption=True, tls_client_key=str(key), **{name: str(file) for name, file in named.items()}
+    )
+    with distributed.LocalCluster(n_workers=0, dashboard_address=":0", protocol="tls://", security=security) as nobody:
+        address = nobody.scheduler_address
+        with pytest.raises(FringecalError, match="no worker for 0.2 s"):  # connected, and told so
+            list(cluster(StudyPlan(), [0], address=address, keys=ClusterKeys(ca, ca, key), without_workers_s=0.2))
+        with pytest.raises(FringecalError, match="no Dask scheduler answers"):
+            list(cluster(StudyPlan(), [0], address=address, without_workers_s=0.2))
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("--tls-ca=ca.pem",),
+        ("--tls-ca=ca.pem", "--tls-cert=ca.pem", "--tls-key=ca.pem"),
+        ("--tls-ca=ca.pem", "--tls-cert=ca.pem", "--tls-key=ca.pem", "--scheduler=tcp://localhost:1"),
+        ("--tls-ca=ca.pem", "--tls-cert=ca.pem", "--tls-key=none.pem", "--scheduler=tls://localhost:1"),
+    ],
+)
+def test_keys_belong_together(tmp_path, monkeypatch, words):
+    from typer.testing import CliRunner
+
+    from fringecal.cli.app import build_app
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ca.pem").touch()
+    found = CliRunner().invoke(build_app("study"), ["study", "--rigs=2", "--out=out", *words])
+    assert found.exit_code == 2
+    assert "--tls-ca" in found.output
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_cluster_whose_workers_are_killed_finishes(dark, tmp_path):

@@ -14,6 +14,7 @@ import typer
 from fringecal import __version__
 from fringecal.cli.shared.console import complain, prepare_streams
 from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS, EXIT_TERMINATED
+from fringecal.cli.shared.judged_options import judge_options
 from fringecal.errors import FringecalError
 from fringecal.replacement import put_in_place_so_far
 
@@ -61,6 +62,7 @@ def build_app(only: str | None = None) -> typer.Typer:
 
     for verb in (only,) if only in VERBS else VERBS:
         importlib.import_module(f"fringecal.cli.{verb}").register(app)
+    judge_options(app)
     return app
 
 

@@ -239,7 +239,9 @@ def chart(
     quantity: list[str] = typer.Option([], "--quantity", help="Quantity to chart; repeat for more. All by default."),
     limit: float | None = typer.Option(None, "--limit", help="Largest permissible distance from --reference."),
     reference: float | None = typer.Option(None, "--reference", help="What --limit is counted from, 0 by default."),
-    baseline: int | None = typer.Option(None, "--baseline", help="Records that were in control, from the first."),
+    baseline: int | None = typer.Option(
+        None, "--baseline", min=2, help="Records that were in control, from the first."
+    ),
     since: str = typer.Option("", "--since", help="Leave out what was captured before, e.g. 2026-02-01."),
     out: Path | None = typer.Option(None, "--out", help="Folder for report.html, tables and figures."),
     as_json: bool = JSON,

@@ -18,7 +18,7 @@ from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
 
 if TYPE_CHECKING:
-    from fringecal.workflows.study import StudySummary
+    from fringecal.workflows.study import ClusterKeys, StudySummary
 
 HELP = """Commission many random virtual rigs and compare what was found with what is true.
 
@@ -31,6 +31,7 @@ Example: fringecal study --rigs 2 --out study
 Example: fringecal study --rigs 500 --out study --scheduler tcp://host:8786
 """
 
+_MOST_WORKERS = 256  # processes on one machine: more than the processors of any
 _TOLD = 20  # times that progress is printed where there is no terminal
 
 
@@ -45,8 +46,13 @@ def study(  # noqa: PLR0913, PLR0917 -- one argument per option
     seed: int = typer.Option(0, "--seed", min=0, help="Seed of the study."),
     rig: str = typer.Option("", "--rig", help="One rig (name or TOML) of which only errors are drawn."),
     heights: str = typer.Option("5,15,30", "--heights", help="Heights of the check points in mm."),
-    workers: int = typer.Option(0, "--workers", min=0, help="Processes here; as many as processors by default."),
+    workers: int = typer.Option(
+        0, "--workers", min=0, max=_MOST_WORKERS, help="Processes here; as many as processors by default."
+    ),
     scheduler: str = typer.Option("", "--scheduler", help="Address of a Dask scheduler to compute on instead."),
+    tls_ca: Path | None = typer.Option(None, "--tls-ca", help="Certificate of the cluster's authority (PEM)."),
+    tls_cert: Path | None = typer.Option(None, "--tls-cert", help="Our own certificate by that authority (PEM)."),
+    tls_key: Path | None = typer.Option(None, "--tls-key", help="Its key (PEM)."),
     as_json: bool = typer.Option(False, "--json", help="Print the summary as one JSON document."),
 ) -> None:
     """Compute, summarise, save, print."""
@@ -60,7 +66,8 @@ def study(  # noqa: PLR0913, PLR0917 -- one argument per option
     demand_folder(out)
     given = ["--rigs", rigs, "--out", out, "--seed", seed, "--heights", heights, *(["--rig", rig] if rig else [])]
     command = " ".join(command_line("study", given))
-    compute = partial(cluster, address=scheduler) if scheduler else partial(local_pool, workers=workers)
+    keys = _keys(scheduler, tls_ca, tls_cert, tls_key)
+    compute = partial(cluster, address=scheduler, keys=keys) if scheduler else partial(local_pool, workers=workers)
     with progress(quiet=as_json) as show:
         results = run_study(plan, rigs, out, compute, progress=_now_and_then(show, rigs))
         summary = summarise(results)
@@ -72,6 +79,22 @@ def study(  # noqa: PLR0913, PLR0917 -- one argument per option
         raise typer.Exit(3 if any(check.decision == "fail" for check in summary.checks()) else 0)
     console.print(_table(summary))
     print_outcome(summary.checks(), (summary.sentence,), out)
+
+
+def _keys(scheduler: str, *files: Path | None) -> "ClusterKeys | None":
+    """Return what a connection by TLS needs, none where it is not asked for."""
+    from fringecal.workflows.study import ClusterKeys
+
+    if not any(files):
+        return None
+    stated = [file for file in files if file is not None]
+    if len(stated) < len(files) or not scheduler.startswith("tls://"):
+        words = "--tls-ca, --tls-cert and --tls-key belong together, and to a --scheduler tls://HOST:PORT"
+        raise typer.BadParameter(words, param_hint="--tls-ca")
+    for file in stated:
+        if not file.is_file():
+            raise typer.BadParameter(f"{file}: a file was needed, there is none", param_hint="--tls-ca")
+    return ClusterKeys(*stated)
 
 
 def _heights(text: str) -> tuple[float, ...]:

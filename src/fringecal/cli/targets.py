@@ -71,7 +71,7 @@ def draw_command(
     name: str = NAME,
     out: Path = typer.Option(..., "--out", help="File to write; its ending, .pdf or .svg, decides the format."),
     page: str = typer.Option("A4", help="A5..A0, letter, legal, tabloid, or WIDTHxHEIGHT in mm."),
-    margin_mm: float = typer.Option(8.0, help="What the printer leaves white at each edge."),
+    margin_mm: float = typer.Option(8.0, min=0.0, help="What the printer leaves white at each edge."),
     as_json: bool = AS_JSON,
 ) -> None:
     """Draw a printable target true to scale, with a 100 mm check ruler on each axis."""

@@ -106,9 +106,12 @@ def _rows(text: str) -> tuple[int, ...] | None:
     if not text.strip():
         return None
     try:
-        return tuple(int(part) for part in text.split(","))
-    except ValueError as error:
-        raise typer.BadParameter(f"rows are whole pixel numbers separated by commas, found {text!r}") from error
+        rows = tuple(int(part) for part in text.split(","))
+    except ValueError:
+        rows = (-1,)
+    if min(rows) < 0:
+        raise typer.BadParameter(f"{text!r}: rows are whole numbers from zero with commas between", param_hint="--rows")
+    return rows
 
 
 def _readings_table(found) -> Table:  # type: ignore[no-untyped-def]

@@ -14,6 +14,9 @@ from .run import (
     run_study as run_study,
 )
 from .workers import (
+    ClusterKeys as ClusterKeys,
+)
+from .workers import (
     cluster as cluster,
 )
 from .workers import (

@@ -7,6 +7,8 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fringecal.errors import FringecalError
@@ -14,7 +16,7 @@ from fringecal.records import RigResult
 from fringecal.workflows.study.run import StudyPlan, examine_rig
 
 if TYPE_CHECKING:
-    from distributed import Client, Future
+    from distributed import Client, Future, Security
 
 # A rig is small: threads within one would only wait for each other, and rigs beside each other gain more.
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -58,8 +60,30 @@ def local_pool(plan: StudyPlan, numbers: list[int], *, workers: int = 0) -> Iter
             pool.shutdown(wait=False, cancel_futures=True)
 
 
+@dataclass(frozen=True)
+class ClusterKeys:
+    """What a connection by TLS is made with: files of PEM, as `distributed.Security` takes them.
+
+    Parameters
+    ----------
+    ca
+        Certificate of the authority that scheduler and workers were certified by.
+    certificate, key
+        Our own certificate by the same authority, and its key.
+    """
+
+    ca: Path
+    certificate: Path
+    key: Path
+
+
 def cluster(
-    plan: StudyPlan, numbers: list[int], *, address: str, without_workers_s: float = _WITHOUT_WORKERS_S
+    plan: StudyPlan,
+    numbers: list[int],
+    *,
+    address: str,
+    keys: ClusterKeys | None = None,
+    without_workers_s: float = _WITHOUT_WORKERS_S,
 ) -> Iterator[RigResult]:
     """Yield the results of rigs as the workers of a Dask cluster finish them; what a lost worker had is done again.
 
@@ -68,7 +92,10 @@ def cluster(
     plan, numbers
         The study, and which of its rigs.
     address
-        Of the scheduler, for example ``tcp://host:8786``; its workers need fringecal.
+        Of the scheduler, for example ``tcp://host:8786``; its workers need fringecal. Who reaches a scheduler without
+        keys may run any program on it, and on its workers.
+    keys
+        To connect by TLS, to an address ``tls://host:8786``; without them Dask's own configuration holds.
     without_workers_s
         How long the cluster may be without any worker, in seconds.
 
@@ -82,14 +109,23 @@ def cluster(
     except ImportError as error:
         raise FringecalError("--scheduler needs Dask: install fringecal[cluster]") from error
     try:
-        client = Client(address, timeout="10s")
-    except (OSError, ValueError) as error:
+        client = Client(address, timeout="10s", security=_security(keys))
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
         raise FringecalError(f"no Dask scheduler answers at {address} ({error}); start one, or leave it out") from error
     with client:
         waiting = [client.submit(examine_rig, plan, rig, pure=False) for rig in numbers]
         for done in _as_delivered(client, waiting, without_workers_s):
             yield done.result()
             done.release()
+
+
+def _security(keys: ClusterKeys | None) -> "Security | None":
+    if keys is None:
+        return None
+    from distributed import Security
+
+    files = {"tls_ca_file": keys.ca, "tls_client_cert": keys.certificate, "tls_client_key": keys.key}
+    return Security(require_encryption=True, **{name: str(file) for name, file in files.items()})
 
 
 def _as_delivered(client: "Client", waiting: "list[Future]", without_workers_s: float) -> "Iterator[Future]":
