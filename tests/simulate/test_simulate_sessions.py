@@ -81,7 +81,7 @@ class TestRigs:
 
     def test_a_broken_file_is_refused(self, tmp_path):
         (tmp_path / "rig.toml").write_text("camera = [")
-        with pytest.raises(FringecalError, match="not a TOML document"):
+        with pytest.raises(FringecalError, match="not valid TOML"):
             load_rig(tmp_path / "rig.toml")
 
 
