@@ -385,7 +385,7 @@ def senseless(folder: Path, rng: random.Random) -> list[str]:
     verb, options, places = rng.choice(VERBS)
     values = ["", "nan", "-1", "inf", "1e999", "9" * 400, "x" * 300, "a\0b", "\udcff", "\x1b[2J", ".", "/", "/dev/null"]
     values += [str(folder / name) for name in ("nowhere", "session", "t.toml", "calibration.json", "session/grid.png")]
-    values += [f"{folder}/{'d' * 300}", f"{folder}/session/session.toml/x", "/proc/self/mem", "/root/\udce4"]
+    values += [f"{folder}/{'d' * 300}", f"{folder}/session/session.toml/x", "/proc/self/mem", "/nowhere/\udce4"]
     line = [*verb.split(), *(rng.choice(values) for _ in range(rng.choice((places, places, rng.randint(0, 3)))))]
     for option in rng.sample(options, rng.randint(0, min(3, len(options)))):
         line += [option, rng.choice(values)] if rng.random() < 0.9 else [option]
