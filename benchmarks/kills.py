@@ -210,6 +210,7 @@ def main(commands: int = 100, writers: int = 200, seed: int = 1) -> int:
             write_over_and_over(bench.out, 0, 1)
             found, wrong = trials(writer_trial, bench, count, seed)
             outcomes, broken = outcomes + found, broken + wrong
+            print(f"writer: {sum(found.values())} trials, {time.monotonic() - began:.0f} s", flush=True)
         bench = prepared(Path(folder) / "grid")
         for name in "ab":
             cv2.imwrite(str(bench.place / f"{name}.png"), grid_picture(np.random.default_rng(ord(name))))

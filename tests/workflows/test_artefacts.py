@@ -9,6 +9,7 @@ import pytest
 
 from fringecal.errors import FitError
 from fringecal.records.schemas import published_schema
+from fringecal.records.verification_record import CalibrationUsed
 from fringecal.targets import load_target
 from fringecal.workflows.verify.artefacts import verify_artefact
 from fringecal.workflows.verify.record_artefact import artefact_record
@@ -35,9 +36,7 @@ def test_every_step_is_found_at_its_own_fringe(block) -> None:
 
 
 def test_record_and_report_hold_the_numbers(block, thesis, tmp_path) -> None:
-    file = tmp_path / "calibration.json"
-    file.write_text("{}")
-    record = artefact_record(block, thesis.session, file)
+    record = artefact_record(block, thesis.session, CalibrationUsed(file="calibration.json", sha256="0" * 64))
     document = json.loads(record.model_dump_json())
     jsonschema.validate(document, published_schema("verification"))
     assert [row["name"] for row in document["readings"]] == [reading.name for reading in block.readings]

@@ -13,6 +13,7 @@ from fringecal.projector.moves import moved
 from fringecal.projector.rig_calibration import RigCalibration
 from fringecal.records.audit_record import read_audit, write_audit
 from fringecal.records.calibration_record import AppearanceRecord, CalibrationRecord
+from fringecal.records.verification_record import CalibrationUsed
 from fringecal.session import Session, load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
 from fringecal.targets import load_target
@@ -216,8 +217,7 @@ def test_the_scatter_of_repeats_is_in_the_appearance(tmp_path):
 def test_a_record_says_it_all_and_is_read_back(in_force, tmp_path, unchanged):
     lamp = small_rig().at(projector={"position_mm": (0.0, 1227.0, 1000.0)})
     found = in_force.audited(taken(lamp, tmp_path / "s", 5))
-    (tmp_path / "calibration.json").write_text("{}")
-    record = audit_record(found, tmp_path / "calibration.json")
+    record = audit_record(found, CalibrationUsed(file="calibration.json", sha256="0" * 64))
     again = read_audit(write_audit(record, tmp_path))
     assert again.model_dump(exclude={"digest"}) == record.model_dump(exclude={"digest"})
     assert record.changed
@@ -261,8 +261,7 @@ def test_pictures_of_the_calibration_itself_say_nothing_of_time(in_force, unchan
     assert "The rig is as calibrated" not in audit_sentence(found)
     first, *_ = audit_checks(found)
     assert (first.value, first.limit, first.decision) == (1, 0, "conditionalPass")
-    (tmp_path / "calibration.json").write_text("{}")
-    record = audit_record(found, tmp_path / "calibration.json")
+    record = audit_record(found, CalibrationUsed(file="calibration.json", sha256="0" * 64))
     assert record.verdict != "pass"
     assert record.sentence == audit_sentence(found)
 

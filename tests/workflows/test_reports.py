@@ -12,7 +12,7 @@ from PIL import Image
 from scipy import stats
 
 from fringecal.reconstruct.phase_to_height import Reason
-from fringecal.records import Laboratory, sha256_of, write_calibration
+from fringecal.records import CalibrationUsed, Laboratory, read_calibration, sha256_of, write_calibration
 from fringecal.report.html import render_html
 from fringecal.report.report_files import figures_of, tables_of
 from fringecal.verification.zigzag.filters import FilterResult
@@ -116,7 +116,8 @@ def recorded(oblique, tmp_path_factory):
     """The records of commissioning and verification, and the certificate of both."""
     calibration = calibration_record(oblique.commissioned)
     file = write_calibration(calibration, tmp_path_factory.mktemp("recorded"))
-    bars = verification_record(oblique.bars, oblique.session, file)
+    used = CalibrationUsed.of(read_calibration(file), file)
+    bars = verification_record(oblique.bars, oblique.session, used)
     certificate = certificate_of(calibration, sha256_of(file), Laboratory(), verification=bars, draft=True)
     return calibration, bars, certificate
 

@@ -17,7 +17,7 @@ from fringecal.records.calibration_record import CalibrationRecord, read_calibra
 from fringecal.records.files import result_folder
 from fringecal.records.kinds_of_record import read_record
 from fringecal.records.limits import Limits
-from fringecal.records.verification_record import write_verification
+from fringecal.records.verification_record import CalibrationUsed, write_verification
 from fringecal.session import load_session
 from fringecal.workflows.audit.record import audit_record
 from fringecal.workflows.audit.run import audit
@@ -75,8 +75,9 @@ def judged(tmp_path_factory) -> dict[str, Path]:
     bars = verify(session, "bars", calibration_of(record), rows_px=(40, 75), with_filters=False)
     command = {verb: ("fringecal", verb, str(folder), "--calibration", str(file)) for verb in ("verify", "audit")}
     audited = audit(session, calibration_of(record), record)
-    write_verification(verification_record(bars, session, file, command=command["verify"], limits=limits), place)
-    write_audit(audit_record(audited, file, command=command["audit"], limits=limits), place)
+    used = CalibrationUsed.of(record, file)
+    write_verification(verification_record(bars, session, used, command=command["verify"], limits=limits), place)
+    write_audit(audit_record(audited, used, command=command["audit"], limits=limits), place)
     return {
         "verify": place / "verification.json",
         "audit": place / "audit.json",

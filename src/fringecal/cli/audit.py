@@ -44,7 +44,15 @@ def audit(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, audit, save, print."""
-    from fringecal.records import AUDIT_FILE, CALIBRATION_FILE, limits_for, read_calibration, result_folder, write_audit
+    from fringecal.records import (
+        AUDIT_FILE,
+        CALIBRATION_FILE,
+        CalibrationUsed,
+        limits_for,
+        read_calibration,
+        result_folder,
+        write_audit,
+    )
     from fringecal.session import load_session
     from fringecal.workflows.audit import audit as run
     from fringecal.workflows.audit import audit_record, audit_report, change_sentence, reuse_sentence
@@ -58,7 +66,7 @@ def audit(
         in_force = read_calibration(calibration)
         found = run(load_session(session), calibration_of(in_force), in_force, progress=show)
         file = calibration / CALIBRATION_FILE if calibration.is_dir() else calibration
-        record = audit_record(found, file, command=command, limits=allowed)
+        record = audit_record(found, CalibrationUsed.of(in_force, file), command=command, limits=allowed)
         show("writing the report")
         with result_folder(out, last=AUDIT_FILE) as staging:
             write_audit(record, staging)

@@ -69,14 +69,12 @@ def _write_certificate(
     record: Path, out: Path, lab: Path | None, verification: Path | None, *, draft: bool, as_json: bool
 ) -> None:
     from fringecal.records import (
-        CALIBRATION_FILE,
         Laboratory,
         certificate_xml,
         read_calibration,
         read_laboratory,
         read_verification,
         result_folder,
-        sha256_of,
         write_bytes,
     )
     from fringecal.report import write_report
@@ -87,7 +85,7 @@ def _write_certificate(
     calibration = read_calibration(record)
     found = certificate_of(
         calibration,
-        sha256_of(record / CALIBRATION_FILE if record.is_dir() else record),
+        calibration.file_sha256,
         stated,
         verification=None if verification is None else read_verification(verification),
         draft=draft,

@@ -99,7 +99,9 @@ def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[n
         CALIBRATION_FILE,
         CAMERAMODEL_FILE,
         VERIFICATION_FILE,
+        CalibrationUsed,
         result_folder,
+        sha256_of,
         write_calibration,
         write_cameramodel,
         write_surfaces,
@@ -113,13 +115,12 @@ def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[n
     with result_folder(out / "calibration", last=CALIBRATION_FILE) as staging:
         write_cameramodel(staging / CAMERAMODEL_FILE, found.commissioning.calibrated.result.rig.camera)
         write_report(commission_report(found.commissioning, command=line, created=now), staging)
-        write_calibration(calibration_record(found.commissioning, command=command), staging)
+        written = write_calibration(calibration_record(found.commissioning, command=command), staging)
+        used = CalibrationUsed(file=written.name, sha256=sha256_of(written))
     session = found.commissioning.calibrated.session
     with result_folder(out / "verification", last=VERIFICATION_FILE) as staging:
         write_report(verification_report(found.verification, command=line, created=now), staging)
-        record = verification_record(
-            found.verification, session, out / "calibration" / CALIBRATION_FILE, command=command
-        )
+        record = verification_record(found.verification, session, used, command=command)
         write_verification(record, staging)
     with result_folder(out / "leaf", last="report.html") as staging:
         write_surfaces(staging, found.leaf.surface, stride=2)

@@ -1,5 +1,6 @@
 """`fringecal lens`: focal length, principal point and distortion from pictures of a board."""
 
+import hashlib
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -9,7 +10,7 @@ import typer
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
-from fringecal.cli.shared.pictures import channel_sentence, demand_channel, read_channels
+from fringecal.cli.shared.pictures import channel_sentence, demand_channel, picture_bytes, read_channels
 from fringecal.cli.shared.saving import demand_folder, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
@@ -114,8 +115,6 @@ def _found(
 ) -> tuple["LensFindings", tuple["InputFile", ...], str | None]:
     """Fit the lens to a session's boards or to pictures; with the files used, and the channel of colour pictures."""
     from fringecal.calibration import lens_from_pictures
-    from fringecal.records import sha256_of
-    from fringecal.report import InputFile
     from fringecal.session import load_session
     from fringecal.targets import load_target
     from fringecal.workflows.lens import measure_lens
@@ -132,10 +131,19 @@ def _found(
     if target is None:
         raise typer.BadParameter("pictures need the board that they show", param_hint="--target")
     board = load_target(target)
-    taken, read = read_channels(source, channel)[0]
+    contents = [picture_bytes(path) for path in source]
+    taken, read = read_channels(source, channel, contents)[0]
     pictures = [(path.name, picture) for path, picture in zip(source, read, strict=True)]
     found = lens_from_pictures(pictures, board, **asdict(wanted))
-    return found, tuple(InputFile("board", path.name, sha256_of(path)) for path in source), taken
+    return found, _hashed(source, contents), taken
+
+
+def _hashed(source: list[Path], contents: list[bytes]) -> tuple["InputFile", ...]:
+    """Name the pictures by the bytes that were used."""
+    from fringecal.report import InputFile
+
+    files = zip(source, contents, strict=True)
+    return tuple(InputFile("board", path.name, hashlib.sha256(content).hexdigest()) for path, content in files)
 
 
 def _save(document: "LensDocument", report: "Report", found: "LensFindings", out: Path) -> None:

@@ -43,7 +43,14 @@ def verify(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, verify, save, print."""
-    from fringecal.records import VERIFICATION_FILE, limits_for, read_calibration, result_folder, write_verification
+    from fringecal.records import (
+        VERIFICATION_FILE,
+        CalibrationUsed,
+        limits_for,
+        read_calibration,
+        result_folder,
+        write_verification,
+    )
     from fringecal.session import load_session
     from fringecal.targets import Zigzag
     from fringecal.workflows.shared import calibration_of, demand_same_rig
@@ -61,7 +68,8 @@ def verify(
         chosen = artefact_capture(loaded, capture or None, rig)
         bars = isinstance(chosen.target, Zigzag)
         judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact
-        record, report, table = judge(loaded, chosen, rig, _record_file(calibration), command, show, allowed)
+        used = CalibrationUsed.of(in_force, _record_file(calibration))
+        record, report, table = judge(loaded, chosen, rig, used, command, show, allowed)
         show("writing the report")
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
@@ -75,23 +83,23 @@ def verify(
     print_outcome(record.checks, (record.sentence,), out)
 
 
-def _bars(session, capture, rig, file, command, show, limits, *, rows, filters):  # type: ignore[no-untyped-def]
+def _bars(session, capture, rig, used, command, show, limits, *, rows, filters):  # type: ignore[no-untyped-def]
     """Judge angle bars: record, report and the table to print."""
     from fringecal.workflows.verify import verification_record, verification_report
     from fringecal.workflows.verify import verify as run
 
     found = run(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=show)
-    record = verification_record(found, session, file, command=command, limits=limits)
+    record = verification_record(found, session, used, command=command, limits=limits)
     report = verification_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
     return record, report, _table(found.errors)
 
 
-def _artefact(session, capture, rig, file, command, show, limits):  # type: ignore[no-untyped-def]
+def _artefact(session, capture, rig, used, command, show, limits):  # type: ignore[no-untyped-def]
     """Judge any other artefact: record, report and the table to print."""
     from fringecal.workflows.verify import artefact_record, artefact_report, verify_artefact
 
     found = verify_artefact(capture, rig, progress=show)
-    record = artefact_record(found, session, file, command=command, limits=limits)
+    record = artefact_record(found, session, used, command=command, limits=limits)
     report = artefact_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
     return record, report, _readings_table(found)
 

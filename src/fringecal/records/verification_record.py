@@ -1,10 +1,11 @@
 """The verification record: a measured artefact against its certificate, profile by profile."""
 
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, Self
 
 from pydantic import Field
 
+from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.limits import Limits
 from fringecal.records.parts import BudgetRow, Check, Dof, Part, Provenance, Sha256, Uncertainty
@@ -84,6 +85,17 @@ class CalibrationUsed(Part):
     file: str
     sha256: Sha256
     created: str = ""
+
+    @classmethod
+    def of(cls, calibration: CalibrationRecord, file: Path) -> Self:
+        """Name a calibration by the hash of the very bytes that it was read from, whatever `file` holds by now.
+
+        Raises
+        ------
+        ValueError
+            The record was not read from a file.
+        """
+        return cls(file=file.name, sha256=calibration.file_sha256)
 
 
 class VerificationRecord(Provenance):

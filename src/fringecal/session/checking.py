@@ -17,6 +17,7 @@ from fringecal.session.parse import Parsed, parse_folder
 from fringecal.session.pictures import picture_rules as comparison
 from fringecal.session.pictures.capture_files import FrameFacts
 from fringecal.session.pictures.white_level import WhiteLevel, white_level
+from fringecal.targets import Target
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ def check_session(folder: str | Path, *, read_model: ReadModel | None = None) ->
     if parsed.document is None:
         return SessionCheck(folder, None, parsed.faults, ())
     examined: dict[Path, FrameFacts | Fault] = {}
-    drafts = [draft_capture(folder, parsed, k, examined) for k in range(len(parsed.document.capture))]
+    targets: dict[str, tuple[Target, str]] = {}
+    drafts = [draft_capture(folder, parsed, k, examined, targets) for k in range(len(parsed.document.capture))]
     levels = [_level(draft, parsed.document) for draft in drafts]
     model, model_faults = model_file(folder, parsed.document, read_model)
     faults = tuple(dict.fromkeys((*model_faults, *_faults(folder, parsed, drafts, levels))))

@@ -67,7 +67,13 @@ class Draft:
         return [self.facts[path] for path in files if path in self.facts]
 
 
-def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path, FrameFacts | Fault]) -> Draft:
+def draft_capture(
+    folder: Path,
+    parsed: Parsed,
+    index: int,
+    examined: dict[Path, FrameFacts | Fault],
+    targets: dict[str, tuple[Target, str]],
+) -> Draft:
     """Find and read everything that one capture names.
 
     Parameters
@@ -78,6 +84,8 @@ def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path,
         Which capture of the document.
     examined
         Files that other captures have read; what this one reads is added.
+    targets
+        Targets, likewise, with the hashes of their files.
     """
     table = parsed.sound_document.capture[index]
     broken = parsed.broken_keys(index)
@@ -85,7 +93,7 @@ def draft_capture(folder: Path, parsed: Parsed, index: int, examined: dict[Path,
     files, faults = expand(folder, table.images, f"{label}: images")
     gray_files, gray_faults = expand(folder, table.gray or [], f"{label}: gray")
     found = [_examined(folder, path, label, examined) for path in dict.fromkeys((*files, *gray_files))]
-    target, target_sha256, target_faults = _target(folder, table, label)
+    target, target_sha256, target_faults = _target(folder, table, label, targets)
     return Draft(
         label=label,
         table=table,
@@ -111,17 +119,22 @@ def _examined(folder: Path, path: Path, label: str, examined: dict[Path, FrameFa
     return examined[path]
 
 
-def _target(folder: Path, table: CaptureTable, label: str) -> tuple[Target | None, str, list[Fault]]:
+def _target(
+    folder: Path, table: CaptureTable, label: str, targets: dict[str, tuple[Target, str]]
+) -> tuple[Target | None, str, list[Fault]]:
     """Read the target of a capture: a shipped one by its name, or a file in the session's folder with its hash."""
     if table.target is None:
         return None, "", []
+    if table.target in targets:
+        return *targets[table.target], []
     own = table.target.endswith(".toml")
     outside = outside_fault(folder, table.target, f"{label}: target") if own else None
     if outside is not None:
         return None, "", [outside]
     try:
         target, content = read_target(table.target, folder=folder)
-        return target, hashlib.sha256(content).hexdigest() if own else "", []
+        targets[table.target] = target, hashlib.sha256(content).hexdigest() if own else ""
+        return *targets[table.target], []
     except TargetError as error:
         # A target's message has its remedies in it, one line per fault; here it is one sentence.
         found = "; ".join(line.removeprefix("  - ") for line in str(error).splitlines())

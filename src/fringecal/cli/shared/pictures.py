@@ -23,7 +23,7 @@ def read_picture(path: Path, channel: str | None = "luma") -> np.ndarray:
     SessionError
         The file is no picture that can be read.
     """
-    return _grey(path, _decoded(path), channel)
+    return _grey(path, _decoded(path, picture_bytes(path)), channel)
 
 
 def demand_channel(channel: str | None) -> None:
@@ -32,8 +32,33 @@ def demand_channel(channel: str | None) -> None:
         raise typer.BadParameter(f"{channel!r} is none of {', '.join(CHANNELS)}", param_hint="--channel")
 
 
-def read_channels(paths: Sequence[Path], channel: str | None) -> list[tuple[str | None, list[np.ndarray]]]:
+def picture_bytes(path: Path) -> bytes:
+    """Read a picture's file: once, so that what is hashed is what is used.
+
+    Raises
+    ------
+    SessionError
+        It cannot be read.
+    """
+    try:
+        return regular_bytes(path)
+    except PictureError as error:
+        raise SessionError([f"{path}: {error}"]) from error
+
+
+def read_channels(
+    paths: Sequence[Path], channel: str | None, contents: Sequence[bytes] = ()
+) -> list[tuple[str | None, list[np.ndarray]]]:
     """Read pictures as grey by the stated channel, or by each that is worth trying, the one that shows most first.
+
+    Parameters
+    ----------
+    paths
+        The files.
+    channel
+        Which channel of colour pictures; None for the best.
+    contents
+        Their bytes, if they were read before (`picture_bytes`).
 
     Returns
     -------
@@ -45,7 +70,8 @@ def read_channels(paths: Sequence[Path], channel: str | None) -> list[tuple[str 
     SessionError
         A file is no picture that can be read.
     """
-    pictures = [_decoded(path) for path in paths]
+    contents = contents or [picture_bytes(path) for path in paths]
+    pictures = [_decoded(path, content) for path, content in zip(paths, contents, strict=True)]
     if not any(picture.is_colour for picture in pictures):
         return [(None, [picture.pixels for picture in pictures])]
     wanted = ("luma", "red", "green", "blue") if channel is None else (channel,)
@@ -66,10 +92,10 @@ def _shown(name: str, pictures: list[np.ndarray]) -> float:
     return sum(pattern_contrast(grey) for grey in pictures) * (_CLEARLY_MORE if name == "luma" else 1.0)
 
 
-def _decoded(path: Path) -> Picture:
-    """Decode a picture file."""
+def _decoded(path: Path, content: bytes) -> Picture:
+    """Decode the bytes of a picture file."""
     try:
-        return decode(regular_bytes(path))
+        return decode(content)
     except PictureError as error:
         raise SessionError([f"{path}: {error}"]) from error
 

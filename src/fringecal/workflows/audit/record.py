@@ -1,7 +1,6 @@
 """What an audit found, as its record holds it."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from fringecal.records import (
     DEFAULT_LIMITS,
@@ -11,7 +10,6 @@ from fringecal.records import (
     CauseRecord,
     ChangeRecord,
     Limits,
-    sha256_of,
     software_versions,
 )
 from fringecal.uncertainty import EN_DEFINITION, decide
@@ -23,7 +21,7 @@ from fringecal.workflows.shared import inputs_of, session_note, severest
 
 
 def audit_record(
-    found: Audit, calibration_file: Path, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
+    found: Audit, calibration: CalibrationUsed, *, command: Sequence[str] = (), limits: Limits = DEFAULT_LIMITS
 ) -> AuditRecord:
     """Return the record of an audit."""
     checks = audit_checks(found, limits)
@@ -32,7 +30,7 @@ def audit_record(
         command=tuple(command),
         session=session_note(found.session),
         inputs=inputs_of(found.session),
-        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        calibration=calibration,
         en_definition=EN_DEFINITION,
         captures=tuple(found.session.captures),
         changed=found.changed,

@@ -8,7 +8,9 @@ from typing import Any
 from fringecal.errors import RecordError
 from fringecal.records import (
     DEFAULT_LIMITS,
+    AuditRecord,
     CalibrationRecord,
+    CalibrationUsed,
     DigestState,
     Record,
     VerificationRecord,
@@ -173,7 +175,9 @@ def rerun(
     """
     progress("hashes of the files")
     demand_inputs(record, folder, calibration)
-    fresh = _again(record, load_session(folder), calibration, progress)
+    session = load_session(folder)
+    _demand_same_bytes(record, session)
+    fresh = _again(record, session, calibration, progress)
     then = _comparable(record, exclude_unset=True)
     now, unstated = stated_alone(_comparable(fresh), then)
     same_en = record.en_definition == fresh.en_definition
@@ -201,22 +205,51 @@ def _again(record: Record, session: Session, calibration: Path | None, progress:
     assert calibration is not None  # else it would have been refused as missing
     if isinstance(record, VerificationRecord):
         return _verified_again(record, session, calibration, progress)
-    in_force = read_calibration(calibration)
+    in_force, used = _judged(record, calibration)
     found = audit(session, calibration_of(in_force), in_force, progress=progress)
-    return audit_record(found, calibration, command=record.command, limits=limits)
+    return audit_record(found, used, command=record.command, limits=limits)
+
+
+def _demand_same_bytes(record: Record, session: Session) -> None:
+    """Refuse a session of which a file was replaced between its hash and its reading.
+
+    Raises
+    ------
+    RecordError
+        As described.
+    """
+    needed = {file.file: file.sha256 for file in record.inputs}
+    other = [name for name, sha256 in needed.items() if session.inputs.get(name, sha256) != sha256]
+    if other:
+        raise RecordError(f"{session.folder}: {', '.join(other)} changed while it was read; run the command again")
+
+
+def _judged(record: VerificationRecord | AuditRecord, file: Path) -> tuple[CalibrationRecord, CalibrationUsed]:
+    """Read the calibration that was judged, and refuse one that was replaced since its hash was taken.
+
+    Raises
+    ------
+    RecordError
+        As described.
+    """
+    in_force = read_calibration(file)
+    if in_force.file_sha256 != record.calibration.sha256:
+        raise RecordError(f"{file}: changed while it was read; run the command again")
+    return in_force, CalibrationUsed.of(in_force, file)
 
 
 def _verified_again(
     record: VerificationRecord, session: Session, calibration: Path, progress: Callable[[str], None]
 ) -> VerificationRecord:
-    rig, limits = calibration_of(read_calibration(calibration)), record.limits or DEFAULT_LIMITS
+    in_force, used = _judged(record, calibration)
+    rig, limits = calibration_of(in_force), record.limits or DEFAULT_LIMITS
     capture = artefact_capture(session, record.capture, rig)
     if not isinstance(capture.target, Zigzag):
         other = verify_artefact(capture, rig, progress=progress)
-        return artefact_record(other, session, calibration, command=record.command, limits=limits)
+        return artefact_record(other, session, used, command=record.command, limits=limits)
     rows, filters = tuple(round(profile.row_px) for profile in record.profiles), bool(record.filters)
     bars = verify(session, capture.name, rig, rows_px=rows, with_filters=filters, progress=progress)
-    return verification_record(bars, session, calibration, command=record.command, limits=limits)
+    return verification_record(bars, session, used, command=record.command, limits=limits)
 
 
 def session_folder(record: Record) -> Path:

@@ -1,7 +1,6 @@
 """What a verification on angle bars found, as its record holds it."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from fringecal.records import (
     DEFAULT_LIMITS,
@@ -11,7 +10,6 @@ from fringecal.records import (
     ModelRow,
     ProfileRecord,
     VerificationRecord,
-    sha256_of,
     software_versions,
 )
 from fringecal.session import Session
@@ -25,7 +23,7 @@ from fringecal.workflows.verify.run import Verification
 def verification_record(
     found: Verification,
     session: Session,
-    calibration_file: Path,
+    calibration: CalibrationUsed,
     *,
     command: Sequence[str] = (),
     limits: Limits = DEFAULT_LIMITS,
@@ -37,7 +35,7 @@ def verification_record(
         command=tuple(command),
         session=session_note(session),
         inputs=inputs_of(session, only=(found.capture, plate_beside(session, found.capture))),
-        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        calibration=calibration,
         en_definition=EN_DEFINITION,
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),

@@ -1,7 +1,6 @@
 """What a verification on an artefact found, as its record holds it."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 from fringecal.records import (
     DEFAULT_LIMITS,
@@ -9,7 +8,6 @@ from fringecal.records import (
     Limits,
     ReadingRecord,
     VerificationRecord,
-    sha256_of,
     software_versions,
 )
 from fringecal.session import Session
@@ -23,7 +21,7 @@ from fringecal.workflows.verify.checks import artefact_checks
 def artefact_record(
     found: ArtefactVerification,
     session: Session,
-    calibration_file: Path,
+    calibration: CalibrationUsed,
     *,
     command: Sequence[str] = (),
     limits: Limits = DEFAULT_LIMITS,
@@ -34,7 +32,7 @@ def artefact_record(
         command=tuple(command),
         session=session_note(session),
         inputs=inputs_of(session, only=[found.capture]),
-        calibration=CalibrationUsed(file=calibration_file.name, sha256=sha256_of(calibration_file)),
+        calibration=calibration,
         en_definition=EN_DEFINITION,
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
