@@ -25,6 +25,9 @@ from .distortion.grid_scale import (
 from .distortion.line_spacing import (
     line_spacing_px as line_spacing_px,
 )
+from .distortion.ruled_pitch import (
+    ruled_pitch as ruled_pitch,
+)
 from .distortion.straightness import (
     family_rms_px as family_rms_px,
 )

@@ -19,12 +19,13 @@ from fringecal.camera import (
     examine_distortion,
     family_rms_px,
     line_spacing_px,
+    ruled_pitch,
     thesis_scale,
 )
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.pictures import channel_sentence, demand_channel, read_channels
 from fringecal.cli.shared.saving import demand_folder
-from fringecal.detect import FAMILIES, GridDetection, Polarity, find_dot_grid, find_grid
+from fringecal.detect import FAMILIES, GridDetection, Polarity, find_dot_grid, find_grid, ruling_of
 from fringecal.errors import DetectionError, TargetError
 from fringecal.records import result_folder, software_versions, write_table
 from fringecal.report import REPORT_FILE, Report, Verdict, write_report
@@ -74,16 +75,23 @@ def grid(
     detect = partial(find_dot_grid if dots else find_grid, polarity=_polarity(polarity))
     taken, picture, detection = _detected(image, channel, detect)
     test = examine_distortion(detection, centre=_centre(centre))
+    ruling = None if dots else ruling_of(picture, detection)
     pitch = None if paper is None else paper.pitch_mm.estimate("pitch", "mm")
+    if ruling is not None and pitch is not None and isinstance(paper, LineGrid):
+        pitch = ruled_pitch(ruling, pitch, paper.heavy_every)
     scale = None if pitch is None else thesis_scale(detection, pitch).beside(test.scale_at_centre(pitch))
     found = GridPicture(image.name, picture, detection, test, scale, pitch)
     files = _save(found, out, command_line("grid", sys.argv[2:])) if out else []
     document = _document(image, found) | {"channel": taken, "files": files}
+    if ruling is not None:
+        document["ruling"] = {"parts": ruling.parts, "heavier_every": list(ruling.rhythms)}
     if as_json:
         print_json(document)
     else:
         if taken is not None:
             _say(channel_sentence(taken, channel))
+        if ruling is not None and (ruling.parts > 1 or ruling.rhythms):
+            _say(ruling.sentence())
         _show(document, found)
 
 

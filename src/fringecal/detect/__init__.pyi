@@ -49,6 +49,12 @@ from .grid.line_section import (
 from .grid.line_section import (
     line_section as line_section,
 )
+from .grid.ruling import (
+    Ruling as Ruling,
+)
+from .grid.ruling import (
+    ruling_of as ruling_of,
+)
 from .strips.strip_search import (
     StripRegions as StripRegions,
 )

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from fringecal.camera import CAMERA_NAMES, CameraFit, fit_grid_camera
-from fringecal.detect import GridDetection, find_grid
+from fringecal.detect import GridDetection
 from fringecal.errors import SessionError
 from fringecal.numerics import wrap
 from fringecal.phase import unwrap
@@ -17,6 +17,7 @@ from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid, Strips
 from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.audit.layout import PLATE_DEGREE, Blocks, StripBlocks, block_means, strip_step
+from fringecal.workflows.commission import grid_with_pitch
 from fringecal.workflows.lens import known_lens
 from fringecal.workflows.shared import CapturePhase, phase_of_capture, within_border
 
@@ -85,7 +86,7 @@ def measured_grid(
     target = capture.target
     if not isinstance(target, LineGrid):
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
-    detection = find_grid(capture.read()[0], polarity=target.polarity)
+    detection, pitch = grid_with_pitch(capture, target)
     camera = calibration.camera
     place = CAMERA_NAMES.index("height_mm")
     height = Estimate(
@@ -94,7 +95,7 @@ def measured_grid(
     known = known_lens(session)
     fit = fit_grid_camera(
         detection,
-        target.pitch_mm.estimate(Influence.GRID_PITCH, "mm"),
+        pitch,
         height_mm=None if camera.telecentric else height,
         telecentric=camera.telecentric,
         lens=None if known is None else known.lens,

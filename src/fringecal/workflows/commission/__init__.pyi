@@ -35,6 +35,9 @@ from .camera import (
     camera_knowledge as camera_knowledge,
 )
 from .camera import (
+    grid_with_pitch as grid_with_pitch,
+)
+from .camera import (
     measure_camera as measure_camera,
 )
 from .further import (

@@ -1,11 +1,12 @@
 """The camera of a session: its grid picture, and what the session states of lens and height."""
 
 from fringecal.calibration import CameraFindings, CameraKnowledge, camera_from_grid
-from fringecal.detect import find_grid
+from fringecal.camera import ruled_pitch
+from fringecal.detect import GridDetection, find_grid, ruling_of
 from fringecal.errors import DetectionError, SessionError
-from fringecal.session import Session
+from fringecal.session import Capture, Session
 from fringecal.targets import LineGrid
-from fringecal.uncertainty import Influence
+from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.lens import known_lens
 
 
@@ -23,11 +24,24 @@ def measure_camera(session: Session) -> CameraFindings:
     if not isinstance(capture.target, LineGrid):
         raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
     try:
-        detection = find_grid(capture.read()[0], polarity=capture.target.polarity)
+        detection, pitch = grid_with_pitch(capture, capture.target)
     except DetectionError as error:
         raise DetectionError(f"capture {capture.name!r} ({capture.paths[0].name}): {error}") from error
-    pitch = capture.target.pitch_mm.estimate(Influence.GRID_PITCH, "mm")
     return camera_from_grid(detection, pitch, camera_knowledge(session), thermal_rel_u=capture.target.thermal_rel_u)
+
+
+def grid_with_pitch(capture: Capture, target: LineGrid) -> tuple[GridDetection, Estimate]:
+    """Find the grid in its picture, and the distance of the lines that were indexed, mm.
+
+    Raises
+    ------
+    DetectionError
+        No grid shows, or what lies between its lines contradicts what the target states.
+    """
+    picture = capture.read()[0]
+    detection = find_grid(picture, polarity=target.polarity)
+    stated = target.pitch_mm.estimate(Influence.GRID_PITCH, "mm")
+    return detection, ruled_pitch(ruling_of(picture, detection), stated, target.heavy_every)
 
 
 def camera_knowledge(session: Session) -> CameraKnowledge:
