@@ -57,8 +57,11 @@ class Bench:
 
     def start(self, work: Callable[..., None], *arguments: object) -> Process:
         """Start work in a process of its own that has everything loaded; what it says goes to a file."""
-        process = multiprocessing.get_context("fork").Process(target=_quietly, args=(self, work, arguments))
+        context = multiprocessing.get_context("fork")
+        ready = context.Event()
+        process = context.Process(target=_quietly, args=(self, ready.set, work, arguments))
         process.start()
+        ready.wait(PATIENCE_S)
         return process
 
     @property
@@ -67,13 +70,17 @@ class Bench:
         return self.place.parent / "said.txt"
 
 
-def _quietly(bench: Bench, work: Callable[..., None], arguments: tuple[object, ...]) -> None:
+def _quietly(bench: Bench, ready: Callable[[], None], work: Callable[..., None], arguments: tuple[object, ...]) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     said = os.open(bench.said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(said, 1)
     os.dup2(said, 2)
     os.chdir(bench.out if bench.inside else bench.place)
-    work(*arguments)
+    ready()
+    try:
+        work(*arguments)
+    except KeyboardInterrupt:  # before the command has begun
+        sys.exit(130)
 
 
 def write_over_and_over(out: Path, first: int, last: int) -> None:
