@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from scipy import ndimage
 
 from fringecal.detect.fringes.line_breaks import line_breaks
 from fringecal.errors import DetectionError
@@ -68,3 +69,44 @@ def test_the_cubes_break_over_exposures(name):
 def test_no_line_is_refused(picture):
     with pytest.raises(DetectionError):
         line_breaks(picture)
+
+
+def blurred(shift, flank_px, *, peak=120.0, slope=0.01, noise=1.0, seed=0):
+    """Draw a break whose flanks are blurred along the line, so that it nowhere jumps."""
+    u, v = np.arange(480), np.arange(160)[:, None]
+    step = ndimage.gaussian_filter1d(np.where((u >= 150) & (u < 320), shift, 0.0), flank_px)
+    grey = peak * np.exp(-(((v - 70.2 - slope * (u - 240) - step) / 2.0) ** 2) / 2)
+    grey = grey + 3 + noise * np.random.default_rng(seed).standard_normal(grey.shape)
+    return np.clip(np.rint(grey), 0, 255)
+
+
+@pytest.mark.parametrize("shift", [7.0, -7.0, 25.0])
+@pytest.mark.parametrize("flank_px", [4.0, 10.0])
+@pytest.mark.parametrize("slope", [0.0, 0.03])
+def test_a_break_with_blurred_flanks_is_one(shift, flank_px, slope):
+    # Half-way up the flanks, at 150 and 320; the plateau is reached 2.5 flanks further in.
+    (found,) = line_breaks(blurred(shift, flank_px, slope=slope)).breaks
+    assert found.shift_px == pytest.approx(shift, abs=0.15)
+    assert 150 - flank_px < found.from_px < 150 + 2.5 * flank_px
+    assert 320 - 2.5 * flank_px < found.to_px < 320 + flank_px
+
+
+@pytest.mark.parametrize("peak", [3.0, 6.0])
+def test_a_dark_frame_is_read(peak):
+    (found,) = line_breaks(blurred(20.0, 1.0, peak=peak, noise=0.3)).breaks
+    assert found.shift_px == pytest.approx(20, abs=0.3)
+
+
+@pytest.mark.parametrize("name", ["340-145825", "380", "440", "490", "550", "671-144107"])
+def test_a_twenty_fifth_of_the_exposure_shows_the_same(name):
+    bright = line_breaks(green(name)).breaks
+    dark = line_breaks(np.rint(green(name) / 25)).breaks
+    assert [one.shift_px for one in dark] == pytest.approx([one.shift_px for one in bright], abs=0.3)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_dark_frames_without_a_line_are_refused(seed):
+    rng = np.random.default_rng(seed)
+    ground = np.linspace(0, rng.uniform(0, 3), 200)[:, None] + np.linspace(0, rng.uniform(0, 3), 400)
+    with pytest.raises(DetectionError, match="no bright line"):
+        line_breaks(np.clip(np.rint(ground + rng.normal(0, rng.uniform(0.1, 2), ground.shape)), 0, 255))

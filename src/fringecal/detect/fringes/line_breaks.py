@@ -18,8 +18,9 @@ Array = NDArray[np.float64]
 
 _LEAST_SIDE_PX = 32  # of a picture: the window about a line, and some ground
 # A column shows the line if its peak is above all of these: share of the line's usual peak (the 90th percentile: most
-# columns are lit), standard deviations of the picture's noise, and grey levels, which rounding alone reaches.
-_LEAST_SHARE, _USUAL_PERCENTILE, _LEAST_SIGMAS, _LEAST_LEVELS = 0.15, 90, 6.0, 2.0
+# columns are lit), standard deviations of the picture's noise, and grey levels: rounding leaves 0.06 after
+# smoothing, a step of one level in the background 0.5 at its edge.
+_LEAST_SHARE, _USUAL_PERCENTILE, _LEAST_SIGMAS, _LEAST_LEVELS = 0.15, 90, 6.0, 0.6
 _SMOOTH_PX, _ALONG_PX = 2.0, 1.0  # smoothing of the light across and along the line, before its peak is sought
 _WINDOW_PX = 12  # half width about the peak over which the centre is taken
 _FOOT = 0.3  # of the peak, below which light does not count for the centre: it is the line's uneven foot
@@ -32,6 +33,10 @@ _JUMP_PX = 3.0  # between neighbouring columns of one piece, at most
 _CLEAR_SIGMAS = 5.0  # standard uncertainties of a break's shift from which it is one: relief is not normal noise
 _PARTS = 8  # of a piece, whose levels tell how well its own is known
 _LEAST_SCATTER_PX = 0.1  # of columns: no centre of a line is known better, whatever a short piece shows
+_ENDS = 0.05  # of the columns with light, at either end of the line, that are taken for the plate
+_ENDS_HELD, _LEAST_PLATE = 0.5, 0.2  # of the ends' columns, and of all, that lie on the line through both ends
+_NEAR_SIGMAS = 2.5  # robust standard deviations about the base line within which columns count as on it
+_PLATEAU_PX = 2.0  # from the level of what is off the base, within which columns are not its flanks
 _CORRELATED = 4  # standard deviations of the smoothing over which columns is connected
 _LEAST_BREAK = 0.02  # of the picture's width: a glint is shorter
 
@@ -123,17 +128,33 @@ def _base(centre: Array, pieces: list[NDArray[np.intp]]) -> tuple[float, float]:
     """Fit the straight line that most columns lie on: levels first, then a slope."""
     columns = np.concatenate(pieces)
     places = centre[columns]
-    # The plate runs on beyond what stands on it: the line through the two outermost pieces is the first guess.
+    ends = max(_LEAST_COLUMNS, int(_ENDS * columns.size))
+    (first, last), outer = (
+        [float(np.median(part)) for part in (values[:ends], values[-ends:])] for values in (columns, places)
+    )
+    # The plate runs on beyond what stands on it: the line through the two ends, if enough lies on it.
+    slope = (outer[1] - outer[0]) / max(last - first, 1.0)
+    through = _refined_line(columns, places, (outer[0] - slope * first, slope))
+    near = np.abs(places - through[0] - through[1] * columns) < _JUMP_PX
+    if near[:ends].mean() > _ENDS_HELD and near[-ends:].mean() > _ENDS_HELD and near.mean() > _LEAST_PLATE:
+        return through
     guesses = [(float(np.median(centre[piece])), 0.0) for piece in pieces]
     counts = [np.count_nonzero(np.abs(places - a) < _JUMP_PX) for a, _ in guesses]
-    outer = [np.median(centre[pieces[0]]), np.median(centre[pieces[-1]])]
-    a, b = guesses[int(np.argmax(counts))]
-    if abs(outer[0] - outer[1]) < 2 * _JUMP_PX:
-        a = float(np.mean(outer))
+    return _refined_line(columns, places, guesses[int(np.argmax(counts))])
+
+
+def _refined_line(columns: NDArray[np.intp], places: Array, guess: tuple[float, float]) -> tuple[float, float]:
+    """Fit a straight line to what lies about a guess, closer round by round."""
+    a, b = guess
     for limit in (3 * _JUMP_PX, _JUMP_PX, _JUMP_PX):  # the first guess may slope
         near = np.abs(places - a - b * columns) < limit
         if np.count_nonzero(near) < _LEAST_COLUMNS:
             break
+        b, a = np.polyfit(columns[near], places[near], 1)
+    # Flanks that are within these limits lie to one side.
+    off = places - a - b * columns
+    near = np.abs(off) < max(_NEAR_SIGMAS * robust_sd(off[np.abs(off) < _JUMP_PX], about=0), _LEAST_SCATTER_PX)
+    if np.count_nonzero(near) >= _LEAST_COLUMNS:
         b, a = np.polyfit(columns[near], places[near], 1)
     return float(a), float(b)
 
@@ -141,7 +162,7 @@ def _base(centre: Array, pieces: list[NDArray[np.intp]]) -> tuple[float, float]:
 def _breaks(off: Array, pieces: list[NDArray[np.intp]]) -> list[LineBreak]:
     """Join neighbouring pieces at one level off the base, and keep those that are clearly off."""
     found: list[list[NDArray[np.intp]]] = []
-    for piece in (p for p in pieces if abs(float(np.median(off[p]))) > _JUMP_PX):
+    for piece in (part for p in pieces for part in _off_base(off, p)):
         level = float(np.median(off[piece]))
         if found and abs(level - float(np.median(off[found[-1][-1]]))) < _JUMP_PX:
             found[-1].append(piece)
@@ -156,6 +177,24 @@ def _breaks(off: Array, pieces: list[NDArray[np.intp]]) -> list[LineBreak]:
             middle = float(np.mean(off[third]))
             breaks.append(LineBreak(int(columns[0]), int(columns[-1]), shift, sigma, middle))
     return breaks
+
+
+def _off_base(off: Array, piece: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Return the parts of a piece that lie off the base, to one side each, without their flanks.
+
+    Where the line is blurred along its run it passes from one level to the other without a jump.
+    """
+    side = np.where(np.abs(off[piece]) > _JUMP_PX, np.sign(off[piece]), 0.0)
+    smooth = ndimage.median_filter(side, 2 * _GAP_PX + 1, mode="nearest")  # single columns of noise do not part it
+    parts = []
+    for run in np.split(piece, np.flatnonzero(np.diff(smooth)) + 1):
+        if abs(float(np.median(off[run]))) <= _JUMP_PX:
+            continue
+        # Flanks lie to both sides of a plateau, so that its middle third is clear of them.
+        level = float(np.median(off[run[run.size // 3 : run.size - run.size // 3]]))
+        part = run[np.abs(off[run] - level) < max(_PLATEAU_PX, 3 * robust_sd(off[run]))]
+        parts += [part] * (part.size >= _LEAST_COLUMNS)
+    return parts
 
 
 def _sigma(off: Array) -> float:
