@@ -160,31 +160,48 @@ def test_a_history_that_is_not_there_is_refused(run, tmp_path):
 
 def test_it_listens_on_this_machine(db, monkeypatch, capsys):
     """The verb itself, with a real request; another server on the same port is refused."""
-    from werkzeug import serving
-
     from fringecal.cli import serve
 
     made, ready = [], threading.Event()
-    make_server = serving.make_server
+    make_server = serve.web_server
 
     def remembered(*arguments, **options):
         made.append(make_server(*arguments, **options))
         ready.set()
         return made[-1]
 
-    monkeypatch.setattr(serving, "make_server", remembered)
+    monkeypatch.setattr(serve, "web_server", remembered)
     stated = {"db": db, "host": "127.0.0.1", "sessions": None, "work": None, "most_files": 2, "most_megabytes": 1}
     thread = threading.Thread(target=serve.serve, kwargs=stated | {"port": 0, "as_json": True}, daemon=True)
     thread.start()
     assert ready.wait(30)
-    port = made[0].server_port
+    port = made[0].effective_port
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/") as answer:
         assert b"bench-1" in answer.read()
     monkeypatch.undo()
     with pytest.raises(FringecalError, match="another --port"):
         serve.serve(**stated, port=port, as_json=True)
-    made[0].shutdown()
+    made[0].end()
     thread.join(30)
-    made[0].server_close()
+    assert not thread.is_alive()
     printed = json.loads(capsys.readouterr().out)["address"]
     assert re.fullmatch(rf"http://127\.0\.0\.1:{port}/\?token=[\w-]{{40,}}", printed)
+
+
+def test_a_rigs_report_may_run_its_own_script(tmp_path):
+    from fringecal.cli.serve import dashboard
+
+    days = [f"2026-01-{day:02}T08:00:00+00:00" for day in range(1, 12)]
+    entries = []
+    for k, day in enumerate(days):
+        readings = tuple(Reading(f"quantity {n}", k + n / 8, "mm", 0.01) for n in range(12))
+        entries.append(Entry("bench-1", "audit", day, day, f"{k:064x}", "pass", readings))
+    with open_history(tmp_path / "charts.db") as history:
+        history.append(entries)
+    answer = dashboard(str(tmp_path / "charts.db")).test_client().get("/report?name=bench-1")
+    assert "<script" in answer.text  # a long report folds its sections
+    policy = answer.headers["Content-Security-Policy"]
+    assert policy.startswith("sandbox allow-scripts")
+    assert "script-src 'unsafe-inline'" in policy
+    assert "allow-same-origin" not in policy  # it is of no site, and can ask for nothing
+    assert "connect-src" not in policy

@@ -17,11 +17,10 @@ from fringecal.cli.history import DB
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder
 from fringecal.errors import FringecalError, RecordError
-from fringecal.serve import LOOPBACK, Bounds, guard
+from fringecal.serve import LOOPBACK, SANDBOX, STRANGERS_BYTES, Bounds, guard, web_server
 
 if TYPE_CHECKING:
     import flask
-    from werkzeug.serving import WSGIRequestHandler
 
     from fringecal.serve import Desk
 
@@ -62,34 +61,18 @@ def serve(
     """Open the history, serve it until interrupted."""
     with _work_folder(work) as folder:
         desk = _desk(db, folder, sessions, Bounds(most_files, most_megabytes)) if host in LOOPBACK else None
+        token = desk.token if desk else secrets.token_urlsafe(32)
         app = dashboard(db, host, desk)
-        from werkzeug.serving import make_server
-
+        most_bytes = app.config["MAX_CONTENT_LENGTH"] + _FORM_BYTES if desk else STRANGERS_BYTES
+        server = web_server(app, host, port, token=token, most_bytes=most_bytes)
+        _print(host, server.effective_port, desk.token if desk else "", as_json)
         try:
-            server = make_server(host, port, app, threaded=True, request_handler=_discreet())
-        except (OSError, SystemExit) as error:
-            raise FringecalError(f"{host}:{port} cannot be listened on ({error}); name another --port") from error
-        _print(host, server.server_port, desk.token if desk else "", as_json)
-        try:
-            with _ended_by_signal():
-                server.serve_forever()
-        except KeyboardInterrupt:
-            server.server_close()
+            with _ended_by_signal(), contextlib.suppress(KeyboardInterrupt):
+                server.run()
         finally:
             if desk:
                 desk.runs.close()
-
-
-def _discreet() -> "type[WSGIRequestHandler]":
-    """Make a request handler that keeps the token out of the log, which may be a file that others read."""
-    from werkzeug.serving import WSGIRequestHandler
-
-    class Discreet(WSGIRequestHandler):
-        def log_request(self, code: int | str = "-", size: int | str = "-") -> None:
-            if "token=" not in self.path:
-                super().log_request(code, size)
-
-    return Discreet
+            server.close()
 
 
 @contextlib.contextmanager
@@ -204,8 +187,8 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
         return rig_page(rig, _entries(db, rig))
 
     @app.get("/report")
-    def report() -> str:
-        return _report(db, flask.request.args.get("name", ""))
+    def report() -> "flask.Response":
+        return _scripted(_report(db, flask.request.args.get("name", "")))
 
     @app.get("/record/<sha256>")
     def record(sha256: str) -> "flask.Response":
@@ -222,6 +205,13 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
             app.logger.error("a page failed", exc_info=error)
         told = str(error) if isinstance(error, FringecalError) else _WORDS.get(code, "This page cannot be shown.")
         return message_page("Not available", told), code
+
+
+def _scripted(report: str) -> "flask.Response":
+    """Answer with a report, whose own scripts run as those of a page of no site."""
+    import flask
+
+    return flask.Response(report, mimetype="text/html", headers={"Content-Security-Policy": SANDBOX})
 
 
 def _document(db: str, sha256: str) -> str:

@@ -17,10 +17,12 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from fringecal.errors import HistoryError
+from fringecal.guarded import Refusal, bytes_of, text_of
 from fringecal.history.entries import Entry
 from fringecal.history.history_tables import ENTRIES, NONE_IN_IT, READINGS, STEPS, demand_known, migrate, schema_version
 from fringecal.history.sqlite_files import WAIT_S, reader_engine, writer_engine
 
+_MOST_URL = 4096  # bytes of a file that holds one
 _INSERT: Mapping[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 ENTRY_COLUMNS = tuple(str(column.name) for column in ENTRIES.columns if column.name not in ("id", "document"))
 READING_COLUMNS = tuple(str(column.name) for column in READINGS.columns if column.name not in ("id", "entry_id"))
@@ -131,7 +133,8 @@ def open_history(where: str | Path, *, create: bool = True) -> History:
     Parameters
     ----------
     where
-        Path of an SQLite file, or a URL such as ``postgresql://user@host/name``.
+        Path of an SQLite file, or a URL such as ``postgresql://user@host/name``; ``env:NAME`` and ``file:PATH`` name
+        the environment variable, or the file, that holds one.
     create
         Whether it is opened to write, and made where there is none; a URL always names a database that exists. A file
         opened to read is not changed, nor is the folder that it is in.
@@ -182,12 +185,13 @@ def writing(engine: Engine) -> Iterator[Connection]:
 
 
 def _locate(where: str | Path, create: bool) -> tuple[URL, str]:
-    """Turn a path or a URL into a URL, and a name that may be printed."""
+    """Turn a path or a URL, or where one stands, into a URL, and a name that may be printed."""
+    where = _stated_elsewhere(str(where))
     if "://" in str(where):
         try:
             url = make_url(str(where))
         except SQLAlchemyError as error:
-            raise HistoryError(f"{where!r} is no database URL; write postgresql://user@host/name") from error
+            raise HistoryError("this is no database URL; write postgresql://user@host/name") from error
         if url.get_backend_name() == "postgresql":
             url = url.set(drivername="postgresql+pg8000") if url.drivername == "postgresql" else url
             return url, url.render_as_string(hide_password=True)
@@ -200,6 +204,21 @@ def _locate(where: str | Path, create: bool) -> tuple[URL, str]:
     if not create and not os.path.lexists(path):
         raise HistoryError(f"{path}: there is no history; `fringecal history add` makes one")
     return URL.create("sqlite", database=str(path)), str(path)
+
+
+def _stated_elsewhere(where: str) -> str:
+    """Resolve ``env:NAME`` and ``file:PATH``: a URL with a password belongs on no command line, which all can read."""
+    kind, colon, name = where.partition(":")
+    if kind == "env" and colon:
+        if not os.environ.get(name):
+            raise HistoryError(f"{where}: there is no environment variable {name}; set it to the file or URL")
+        return os.environ[name]
+    if kind == "file" and colon:
+        try:
+            return text_of(bytes_of(name, _MOST_URL)).strip()
+        except Refusal as error:
+            raise HistoryError(f"{where}: {error}; a file that holds the URL was needed") from None
+    return where
 
 
 def _reason(error: Exception) -> str:

@@ -2,6 +2,9 @@ from .access import (
     LOOPBACK as LOOPBACK,
 )
 from .access import (
+    SANDBOX as SANDBOX,
+)
+from .access import (
     guard as guard,
 )
 from .desk import (
@@ -15,4 +18,10 @@ from .session_desk import (
 )
 from .uploads import (
     Bounds as Bounds,
+)
+from .waitress_server import (
+    STRANGERS_BYTES as STRANGERS_BYTES,
+)
+from .waitress_server import (
+    web_server as web_server,
 )

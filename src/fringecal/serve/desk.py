@@ -17,6 +17,9 @@ from fringecal.session import FILE_NAME, CheckReport
 
 _MOST_FOLDERS = 500  # of those below --sessions that are offered: a list that is longer is not read
 _CALIBRATION = "calibration.json"
+_DB_VARIABLE = "FRINGECAL_HISTORY"  # in the environment of a run, where only its owner sees it
+_MOST_WATCHERS = 8  # pages on which the progress of a run is followed
+_WAIT_S = 10.0  # for the check of another session to end, before a reader is told to come back
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,8 @@ class Desk:
     opened: dict[str, Opened] = field(default_factory=dict)
     # One at a time: each may use much memory.
     checking: threading.Lock = field(default_factory=threading.Lock)
+    # Each holds a thread of the server, of which some must be left to make pages.
+    watchers: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(_MOST_WATCHERS))
 
     def open(self, folder: Path, label: str) -> Opened:
         """Put a session folder on the desk."""
@@ -84,10 +89,14 @@ class Desk:
         Raises
         ------
         Refused
-            It needs more memory or time than a check may use.
+            It needs more memory or time than a check may use; or another check goes on.
         """
-        with self.checking:
+        if not self.checking.acquire(timeout=_WAIT_S):
+            raise Refused("Another session is being checked; load this page again in a while.", 503)
+        try:
             return checked(opened.folder)
+        finally:
+            self.checking.release()
 
     def offered(self) -> dict[str, Path]:
         """Session folders below the root by relative name, at most two folders deep."""
@@ -164,9 +173,11 @@ def start(desk: Desk, opened: Opened, asked: dict[str, str]) -> Run:
             stated.append(f"--calibration={folder / _CALIBRATION}")
         if verb == "verify" and capture:
             stated.append(f"--capture={capture}")
-        return stated + ([f"--history={desk.db}"] if asked.get("history") else [])
+        return stated + ([f"--history={named}"] if asked.get("history") else [])
 
-    return desk.runs.start(f"{verb} {opened.label}", opened.key, arguments)
+    # A URL may hold a password, and everyone on this machine can read a command's words.
+    named, hidden = (f"env:{_DB_VARIABLE}", {_DB_VARIABLE: desk.db}) if "://" in desk.db else (desk.db, {})
+    return desk.runs.start(f"{verb} {opened.label}", opened.key, arguments, hidden)
 
 
 def _calibration(desk: Desk, rig: str, chosen: str) -> bytes:

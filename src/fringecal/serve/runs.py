@@ -7,7 +7,7 @@ import shutil
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -98,7 +98,13 @@ class Runs:
             raise Refused("There is no such run.", 404)
         return self._runs[key]
 
-    def start(self, title: str, session: str, arguments: Callable[[Path], Sequence[str]]) -> Run:
+    def start(
+        self,
+        title: str,
+        session: str,
+        arguments: Callable[[Path], Sequence[str]],
+        environment: Mapping[str, str] | None = None,
+    ) -> Run:
         """Start a command.
 
         Parameters
@@ -109,6 +115,8 @@ class Runs:
             Key of the session that it is about.
         arguments
             Makes the arguments from the run's own folder; the results belong into ``out`` in it.
+        environment
+            Variables that it is given beside the server's own: what other users must not see.
 
         Raises
         ------
@@ -121,7 +129,7 @@ class Runs:
             key = secrets.token_hex(8)
             folder = self._folder / f"run-{key}"
             folder.mkdir(mode=0o700)
-            process = _launched([*self._command, *arguments(folder)])
+            process = _launched([*self._command, *arguments(folder)], environment or {})
             run = Run(key, title, session, folder, datetime.now(), process)
             self._runs[key] = run
         threading.Thread(target=_listen, args=(run,), daemon=True).start()
@@ -139,10 +147,10 @@ class Runs:
             self.cancel(run)
 
 
-def _launched(command: Sequence[str]) -> subprocess.Popen[str]:
+def _launched(command: Sequence[str], beside: Mapping[str, str]) -> subprocess.Popen[str]:
     # Steps at once and without colours, in lines that fit the page.
     environment = os.environ | {"PYTHONUNBUFFERED": "1", "PYTHONUTF8": "1", "NO_COLOR": "1", "COLUMNS": "96"}
-    return supervised(command, environment=environment, said=subprocess.STDOUT)
+    return supervised(command, environment={**environment, **beside}, said=subprocess.STDOUT)
 
 
 def _listen(run: Run) -> None:

@@ -98,7 +98,11 @@ def _run_routes(pages: "flask.Blueprint", desk: Desk) -> None:
         first = max(0, flask.request.args.get("from", 0, type=int))
         last = flask.request.headers.get("Last-Event-ID", type=int)
         events = _events(desk.runs.named(key), first if last is None else max(0, last + 1))
-        return flask.Response(events, mimetype="text/event-stream")
+        if not desk.watchers.acquire(blocking=False):
+            raise Refused("As many pages as can be follow a run already; close one.", 503)
+        response = flask.Response(events, mimetype="text/event-stream")
+        response.call_on_close(desk.watchers.release)
+        return response
 
     @pages.post("/runs/<key>/stop")
     def stop(key: str) -> Any:
