@@ -60,6 +60,34 @@ def test_json_that_says_two_things_or_nothing_is_refused(text, words):
         json_of(text)
 
 
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("".join(f"k{n} = 1\n" for n in range(30_000)), "20000 keys"),
+        ("[[a]]\n" * 3000, "2000 tables"),
+        ("[a]\n" + "".join(f"[a.b{n}]\n" for n in range(3000)), "2000 tables"),
+        ("a = [" + "1," * 100_001 + "]", "100000 entries"),
+    ],
+)
+def test_a_document_of_more_parts_than_any_has_is_refused(text, words):
+    with pytest.raises(Refusal, match=words):
+        toml_of(text)
+
+
+def test_of_many_faults_the_first_are_named(tmp_path):
+    """As many unknown keys, or wrong entries of a list, as are read: few words, and soon."""
+    keys = "".join(f"k{n} = 1\n" for n in range(19_000))
+    entries = f"[[capture]]\nname = 'g'\nkind = 'grid'\nimages = [{'1,' * 90_000}]\n"
+    for text in (keys, entries):
+        (tmp_path / "session.toml").write_text(f"format = 1\n{text}")
+        assert len(check_session(tmp_path).faults) < 110
+        (tmp_path / "t.toml").write_text(f"format = 1\n{text}")
+        for read in (load_target, load_rig, read_limits):
+            with pytest.raises(FringecalError) as refused:
+                read(tmp_path / "t.toml")
+            assert len(str(refused.value)) < 10_000
+
+
 def test_a_file_is_read_up_to_its_size_and_a_pipe_never(tmp_path):
     file, pipe = tmp_path / "a", tmp_path / "pipe"
     file.write_bytes(b"x" * MIB)

@@ -9,7 +9,7 @@ import os
 import reprlib
 import stat
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,6 +19,10 @@ MOST_JSON = 64 * MIB  # a calibration of 12 megapixels takes less than 1 MiB
 MOST_LENS = 4 * MIB  # a splined lens of 100 x 100 knots takes 0.5 MiB
 MOST_DEPTH = 32  # tables in tables; no document of fringecal has more than 8
 MOST_DIGITS = 18  # of a whole number: what 64 bits hold
+MOST_TABLES = 2000  # of a TOML document: as many captures, each with a table of its own
+MOST_KEYS = 20_000  # of all its tables together
+MOST_ENTRIES = 100_000  # of one list: 20 steps of 10 periods, 500 times over
+MOST_FAULTS = 20  # of a document that a message names; one slip often makes many, and the first show it
 MOST_SHOWN = 200  # characters of a text that a message quotes: two lines
 
 _WHOLE = 10**MOST_DIGITS
@@ -113,7 +117,8 @@ def toml_of(text: str) -> dict[str, Any]:
     Raises
     ------
     Refusal
-        It is not TOML, is nested too deeply, or holds a whole number of too many digits.
+        It is not TOML, is nested too deeply, holds a whole number of too many digits, or too many tables, keys or
+        entries of a list.
     """
     try:
         document = tomllib.loads(text)
@@ -123,6 +128,7 @@ def toml_of(text: str) -> dict[str, Any]:
         digits = "digits" in str(error) and not isinstance(error, tomllib.TOMLDecodeError)
         raise Refusal(_TOO_LONG if digits else f"is not valid TOML: {shortened(error)}") from error
     _demand_plain(document)
+    _demand_few(document)
     return document
 
 
@@ -159,6 +165,18 @@ def shortened(value: object, most: int = MOST_SHOWN) -> str:
     """
     text = " ".join(str(value).split())
     return text if len(text) <= most else f"{text[: most - 3]}..."
+
+
+def first_few(faults: Sequence[str]) -> list[str]:
+    """Return the first faults of a document, and how many there are more.
+
+    Examples
+    --------
+    >>> first_few(["a"] * 30)[-2:]
+    ['a', 'and 10 more']
+    """
+    more = [f"and {len(faults) - MOST_FAULTS} more"] if len(faults) > MOST_FAULTS else []
+    return [*faults[:MOST_FAULTS], *more]
 
 
 def quoted(value: object) -> str:
@@ -205,6 +223,19 @@ def _demand_plain(document: Any) -> None:
         if any(isinstance(value, int) and not -_WHOLE < value < _WHOLE for value in level):
             raise Refusal(_TOO_LONG)
     raise Refusal(_TOO_DEEP)
+
+
+def _demand_few(document: Any) -> None:
+    """Refuse more tables, keys or entries than any document has: each is checked, and a fault of each is told."""
+    level, tables, keys = [document], 0, 0
+    while level:
+        stated = [one for one in level if isinstance(one, Mapping)]
+        tables, keys = tables + len(stated), keys + sum(map(len, stated))
+        if tables > MOST_TABLES or keys > MOST_KEYS:
+            raise Refusal(f"holds more than the {MOST_TABLES} tables or {MOST_KEYS} keys that are read")
+        if any(isinstance(one, list) and len(one) > MOST_ENTRIES for one in level):
+            raise Refusal(f"holds a list of more than the {MOST_ENTRIES} entries that are read")
+        level = [inside for one in level for inside in _inside(one) if isinstance(inside, Mapping | list)]
 
 
 def _inside(value: Any) -> Iterator[Any]:

@@ -106,7 +106,7 @@ def test_files_that_are_no_targets(tmp_path, content, message):
 
 def test_a_folder_is_no_target(tmp_path):
     (tmp_path / "t.toml").mkdir()
-    with pytest.raises(TargetError, match="cannot be read"):
+    with pytest.raises(TargetError, match="is a folder"):
         load_target("t.toml", folder=tmp_path)
 
 

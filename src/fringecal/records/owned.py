@@ -7,7 +7,7 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from fringecal.errors import RecordError
-from fringecal.guarded import MOST_TOML, Refusal, bytes_of, shortened, text_of, toml_of
+from fringecal.guarded import MOST_TOML, Refusal, bytes_of, first_few, shortened, text_of, toml_of
 
 
 def read_owned[Document: BaseModel](
@@ -41,8 +41,8 @@ def read_owned[Document: BaseModel](
     try:
         return model.model_validate(stated)
     except ValidationError as error:
-        faults = "; ".join((fault or _plainly)(found) for found in error.errors())
-        raise RecordError(f"{file}: {faults}") from error
+        faults = first_few([(fault or _plainly)(found) for found in error.errors()])
+        raise RecordError(f"{file}: {'; '.join(faults)}") from error
 
 
 def _plainly(found: Any) -> str:

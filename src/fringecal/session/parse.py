@@ -48,6 +48,7 @@ _STAND_INS: dict[str, Any] = {
     "capture": [_CAPTURE_STAND_INS],
 }
 
+_MOST_FAULTS = 100  # that one validation tells: a list of 100,000 wrong entries has as many
 _SHOWN = 60  # characters of a wrong value that a message shows: half a line
 
 _NEEDED = {
@@ -204,13 +205,15 @@ def _replace(table: dict[str, Any], key: str, stand_ins: Mapping[str, Any]) -> N
 
 
 def _described(errors: list[Any], table: Mapping[str, Any]) -> list[Fault]:
+    more, errors = max(0, len(errors) - _MOST_FAULTS), errors[:_MOST_FAULTS]
     guesses = {
         (*e["loc"][:-1], nearest(str(e["loc"][-1]), _known(e["loc"][:-1])))
         for e in errors
         if e["type"] == "extra_forbidden"
     }
     # A misspelt key is one fault, not two: the key it was meant to be is not called missing as well.
-    return [_fault(e, table) for e in errors if not (e["type"] == "missing" and tuple(e["loc"]) in guesses)]
+    faults = [_fault(e, table) for e in errors if not (e["type"] == "missing" and tuple(e["loc"]) in guesses)]
+    return [*faults, Fault(FILE_NAME, f"{more} more faults", "correct these first")] if more else faults
 
 
 def _known(loc: Loc) -> list[str]:

@@ -15,6 +15,7 @@ from fringecal.guarded import (
     MissingFileRefusal,
     Refusal,
     bytes_of,
+    first_few,
     is_file,
     quoted,
     shortened,
@@ -96,7 +97,9 @@ def parse_target(stated: Mapping[str, Any], *, where: str = "target") -> Target:
             faults += [_fault(dict(found), list(model.model_fields)) for found in error.errors()]
     if faults:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        raise TargetError(f"{where}: {count} in this target\n" + "\n".join(f"  - {fault}" for fault in faults))
+        raise TargetError(
+            f"{where}: {count} in this target\n" + "\n".join(f"  - {fault}" for fault in first_few(faults))
+        )
     return target  # type: ignore[return-value]  # every model in KINDS is a member of Target
 
 

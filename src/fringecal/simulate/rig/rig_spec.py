@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from fringecal.errors import FringecalError
-from fringecal.guarded import quoted, shortened
+from fringecal.guarded import first_few, quoted, shortened
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -237,8 +237,8 @@ def rig_from(document: Mapping[str, Any], where: str) -> RigSpec:
     try:
         return RigSpec.model_validate(document)
     except ValidationError as error:
-        faults = (
+        faults = [
             f"{shortened('.'.join(map(str, e['loc'])))}: {shortened(e['msg'])} (found {quoted(e['input'])})"
             for e in error.errors()
-        )
-        raise FringecalError(f"{where} cannot be used:\n  " + "\n  ".join(faults)) from None
+        ]
+        raise FringecalError(f"{where} cannot be used:\n  " + "\n  ".join(first_few(faults))) from None
