@@ -16,6 +16,7 @@ from fringecal.records.certificates.certificate_content import dsi_unit, rounded
 from fringecal.records.certificates.dcc import certificate_xml
 from fringecal.records.certificates.laboratory import Laboratory, missing_in, read_laboratory
 from fringecal.records.provenance import sha256_of
+from fringecal.records.verification_record import CalibrationUsed
 from fringecal.report.html import render_html
 from fringecal.session import load_session
 from fringecal.workflows.certificate.report import certificate_report
@@ -68,7 +69,7 @@ def record():
 def bars(record):
     session = load_session(ARCHIVE / "session")
     found = verify(session, "bars", calibration_of(record), with_filters=False)
-    return record_of_verification(found, session, ARCHIVE / CALIBRATION_FILE)
+    return record_of_verification(found, session, CalibrationUsed.of(record, ARCHIVE / CALIBRATION_FILE))
 
 
 @pytest.fixture(scope="module")

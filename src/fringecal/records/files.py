@@ -91,9 +91,9 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
     RecordError
         `folder` is a file, or the operating system refuses to write there.
     """
-    folder = Path(os.path.realpath(folder))
-    if not folder.name:
-        raise RecordError(f"{folder}: a folder of its own is needed for results; name one in it")
+    folder = _real(Path(folder).absolute())
+    if not folder.name or "\0" in folder.name:
+        raise RecordError(f"{str(folder)!r}: a folder of its own is needed for results; name one")
     staging = hidden_beside(folder)
     if os.path.lexists(folder) and not folder.is_dir():
         raise RecordError(f"{folder}: a folder for results was needed, found a file; name another")
@@ -110,6 +110,11 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
     finally:
         with signals_deferred():
             shutil.rmtree(staging, ignore_errors=True)
+
+
+def _real(folder: Path) -> Path:
+    """Return the folder that a link or ``..`` leads to, since what is beside it is meant."""
+    return Path(os.path.realpath(folder)) if folder.name == ".." or os.path.islink(folder) else folder
 
 
 def earlier_record(record: Path, sha256: str) -> Path:
