@@ -57,13 +57,24 @@ def asked(port, path="/") -> bytes:
         return answer.read()
 
 
-def test_many_slow_connections_leave_room_for_others(monkeypatch):
-    with running(monkeypatch) as port, contextlib.ExitStack() as held:
+SLOW = {
+    "nothing sent": b"",
+    "half a header": b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: ",
+    "a header and half a body": b"POST / HTTP/1.1\r\nHost: localhost\r\nContent-Length: 60000\r\n\r\nx",
+}
+
+
+@pytest.mark.parametrize("kind", SLOW)
+def test_many_slow_connections_leave_room_for_others(monkeypatch, kind):
+    upload = f"POST / HTTP/1.1\r\nHost: localhost\r\nX-Fringecal-Token: {TOKEN}\r\nContent-Length: 9\r\n\r\nx".encode()
+    with running(monkeypatch) as port, connected(port, upload) as known, contextlib.ExitStack() as held:
         for _ in range(3 * MOST_CONNECTIONS):
-            held.enter_context(connected(port, b"GET / HTTP/1.1\r\nHost: localhost\r\nX-Slow: "))
+            held.enter_context(connected(port, SLOW[kind]))
         began = time.monotonic()
         assert asked(port) == b"0"
         assert time.monotonic() - began < 5
+        known.sendall(b"x" * 8)  # whom the server knows keeps the place
+        assert known.recv(1 << 16).startswith(b"HTTP/1.1 200 ")
 
 
 def test_a_header_that_trickles_in_has_its_time(monkeypatch):

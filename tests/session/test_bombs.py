@@ -173,6 +173,25 @@ def test_a_missing_strip_is_not_zeros() -> None:
         decode(tiff(100, 40, [whole[0], (5096, 900), *whole[2:]], rows=10, data=rows))
 
 
+@pytest.mark.parametrize("compression", [5, 32773, 7])
+def test_packed_strips_without_their_pixels_are_refused_in_one_line(compression: int) -> None:
+    strips = [(4096 + 10 * k, 10) for k in range(10)]
+    with pytest.raises(PictureError, match="damaged TIFF: ") as refused:
+        decode(tiff(1000, 1000, strips, rows=100, data=bytes(3000), compression=compression))
+    assert "\n" not in refused.value.found
+    assert "grfmt" not in refused.value.found
+
+
+def test_decoders_are_heard_whatever_the_environment_asks_for() -> None:
+    level = cv2.utils.logging.setLogLevel(0)
+    try:
+        with pytest.raises(PictureError, match="Not enough data for scanline 0"):
+            decode(tiff(1000, 1000, [(4096, 10)], data=bytes(3000), compression=32773))
+        assert cv2.utils.logging.getLogLevel() == 0
+    finally:
+        cv2.utils.logging.setLogLevel(level)
+
+
 @pytest.mark.parametrize(("size", "depth"), [((1 << 14, 1 << 14), 4), ((14_192, 10_640), 6), ((1 << 28, 1), 1)])
 def test_limits_of_size(size: tuple[int, int], depth: int) -> None:
     assert size[0] * size[1] <= MOST_PIXELS

@@ -122,8 +122,9 @@ def _server_class(token: str) -> Any:
 
 
 def _make_room(channels: Sequence[Any]) -> None:
-    waiting = [one for one in channels if not one.requests]
-    if len(channels) > MOST_CONNECTIONS and len(waiting) > 1:
+    """Close the oldest connection that waits for its request where there are too many; not the one that just came."""
+    waiting = sorted((one for one in channels if not one.requests), key=lambda one: one.began)[:-1]
+    if len(channels) > MOST_CONNECTIONS and waiting:
         min(waiting, key=_worth).will_close = True
 
 
@@ -134,8 +135,8 @@ def _close_late(channels: Sequence[Any], now: float) -> None:
 
 
 def _worth(channel: Any) -> tuple[bool, float]:
-    """Order connections: who has not sent a header yet is worth less than who sends a body, the older less."""
-    return channel.request is not None and channel.request.headers_finished, channel.began
+    """Order connections: whose request bears the token is worth more, else the older is worth less."""
+    return channel.request is not None and channel.request.is_known, channel.began
 
 
 def logged(app: Callable[..., Any]) -> Callable[..., Any]:
@@ -158,10 +159,13 @@ def _channel_class(token: str) -> type:
     from waitress.parser import HTTPRequestParser, ParsingError
 
     class Request(HTTPRequestParser):  # type: ignore[misc]  # not typed
+        is_known = False
+
         def parse_header(self, header_plus: bytes) -> None:
             super().parse_header(header_plus)
+            self.is_known = bears_token(self.headers.get, token)
             is_large = self.chunked or self.content_length > STRANGERS_BYTES
-            if is_large and not bears_token(self.headers.get, token):
+            if is_large and not self.is_known:
                 raise ParsingError("so much is taken only with the token that fringecal serve printed")
 
     class Channel(HTTPChannel):  # type: ignore[misc]  # not typed

@@ -1,6 +1,7 @@
 """From the bytes of a picture file to grey values, with nothing repaired, rotated or scaled on the way."""
 
 import os
+import re
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -25,6 +26,11 @@ _CHANNEL_WEIGHTS = {
     "green": np.array([0.0, 1.0, 0.0]),
     "blue": np.array([0.0, 0.0, 1.0]),
 }
+# OpenCV's level of telling: at a lower one, which the environment may ask for, libtiff's errors are not told.
+_LOG_WARNINGS = 3
+_TIFF_ERROR = "TIFF_Error"
+_SAID_WHERE = re.compile(r"\[\s*\w+:\S+\] global \S+ (TIFF_\w+ )?")
+_LONGEST_COMPLAINT = 160  # letters: two lines
 _stderr_lock = threading.Lock()
 
 
@@ -94,14 +100,21 @@ def _decode_by_opencv(data: bytes, kind: str) -> np.ndarray:
             if error.code == cv2.Error.StsNoMem:
                 raise MemoryError("no memory to decode a picture in") from error
             pixels = None
-    complaint = " ".join(written).strip()
-    if pixels is None or (kind == "JPEG" and complaint):
-        raise PictureError(f"damaged {kind}: {complaint[:160] or 'it cannot be decoded'}")
+    complaints = "".join(written)
+    # libjpeg and libtiff fill up what is not there, and return it. Of TIFF, warnings are mostly of unknown tags.
+    if pixels is None or (complaints.strip() if kind == "JPEG" else _TIFF_ERROR in complaints):
+        raise PictureError(f"damaged {kind}: {_first(complaints) or 'it cannot be decoded'}")
     if pixels.dtype not in (np.uint8, np.uint16):
         raise PictureError(f"samples of type {pixels.dtype}, needed 8 or 16 bit", "save as 8- or 16-bit grey")
     if pixels.ndim == 3 and pixels.shape[2] >= 3:
         pixels = pixels[:, :, 2::-1]  # OpenCV gives blue, green, red[, alpha]
     return pixels
+
+
+def _first(complaints: str) -> str:
+    """Return the first of what decoders said, errors before warnings, without where in OpenCV it was said."""
+    lines = sorted(complaints.splitlines(), key=lambda line: "ERROR" not in line)
+    return _SAID_WHERE.sub("", next(iter(lines), "")).strip()[:_LONGEST_COMPLAINT]
 
 
 def _without_idle_channels(pixels: np.ndarray) -> np.ndarray:
@@ -161,9 +174,11 @@ def _written_to_stderr() -> Iterator[list[str]]:
             yield written
             return
         os.dup2(catch.fileno(), 2)
+        level = cv2.utils.logging.setLogLevel(_LOG_WARNINGS)
         try:
             yield written
         finally:
+            cv2.utils.logging.setLogLevel(level)
             os.dup2(saved, 2)
             os.close(saved)
             catch.seek(0)
