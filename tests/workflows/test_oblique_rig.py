@@ -9,6 +9,7 @@ from scipy import ndimage
 from fringecal.camera import local_scale
 from fringecal.projector.angle.projection_angle import projection_angle
 from fringecal.projector.rig_monte_carlo import check_by_monte_carlo
+from fringecal.workflows.commission.checks import evenness_check, spacing_check
 
 
 def test_scale_and_angle(oblique):
@@ -146,3 +147,9 @@ def test_the_checked_budgets_are_those_of_the_record(drawn, oblique):
     checked = drawn["projection angle / deg"].budget
     assert checked.result.u == pytest.approx(angle.angle.u, rel=1e-12)
     assert checked.contributions() == pytest.approx(angle.budget.contributions())
+
+
+def test_strips_and_lines_of_the_grid_are_as_far_apart_as_stated(oblique):
+    result = oblique.found.result
+    (spacing,) = spacing_check(result)
+    assert (spacing.decision, evenness_check(result.camera.tables).decision) == ("pass", "pass")

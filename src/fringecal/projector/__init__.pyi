@@ -196,3 +196,9 @@ from .standards.strip_phase import (
 from .standards.strip_phase import (
     numberings as numberings,
 )
+from .standards.strip_spacing import (
+    StripSpacing as StripSpacing,
+)
+from .standards.strip_spacing import (
+    strip_spacing as strip_spacing,
+)

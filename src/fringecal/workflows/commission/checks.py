@@ -3,8 +3,13 @@
 import math
 from typing import TYPE_CHECKING
 
+import numpy as np
+from scipy import ndimage
+
 from fringecal.calibration import CONTRADICTS, Calibrated
-from fringecal.projector import DISPLACEMENT_PROBABILITY
+from fringecal.camera import ThesisScale
+from fringecal.numerics import robust_sd
+from fringecal.projector import DISPLACEMENT_PROBABILITY, strip_spacing
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, Influence, en_score
 from fringecal.workflows.shared import judged_below, judged_en, rms_estimate
@@ -59,6 +64,7 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
                 rule=rule,
             )
         )
+    checks += [*spacing_check(result, most=own.height_en), evenness_check(camera.tables)]
     if result.origin.en is not None:
         checks.append(
             judged_en(
@@ -140,6 +146,58 @@ def _heights_check(result: Calibrated) -> Check:
         limit=CONTRADICTS,
         decision="fail" if largest > CONTRADICTS else "pass",
         rule="largest change of a stated height, in its standard uncertainties, that makes all heights agree",
+    )
+
+
+def spacing_check(result: Calibrated, *, most: float = DEFAULT_LIMITS.commission.height_en) -> tuple[Check, ...]:
+    """Compare the distance of the strips by the grid's scale with the stated one; none where too few are seen whole."""
+    both = result.strips.phase.valid & result.plate.phase.valid
+    step = np.where(both, result.strips.phase.phase.astype(np.float64) - result.plate.phase.phase, np.nan)
+    spacing = strip_spacing(result.strips.found, step, result.camera.fit.camera)
+    if spacing is None:
+        return ()
+    en = en_score(spacing.by_grid, spacing.stated)
+    note = ""
+    if abs(en) > most:
+        note = (
+            f"; by the grid the strips are {spacing.by_grid.value:.3f} mm apart, stated {spacing.stated.value:.3f} mm: "
+            f"if not the strips' widths and gaps, the grid's scale is wrong by a factor of {spacing.ratio:.4f}: a "
+            "sheet printed at another size, on something that raised it, or rows or columns missing in its picture"
+        )
+    of = "difference / root sum of squares of U of both distances"
+    return (judged_en("distance of strips by the grid", en, most, of=of, note=note),)
+
+
+_MISSING_PX = 0.75  # a distance of lines that is so much shorter than its neighbours': of one row, with noise
+_MISSING_SIGMAS = 6.0  # robust standard deviations of the distances that it must be besides
+_AROUND = 5  # distances whose median says what one is to be: perspective and lens change it slowly
+
+
+def evenness_check(scale: ThesisScale) -> Check:
+    """Look for one distance of the grid's lines that is unlike those around it: rows or columns missing or doubled."""
+    worst, where, sigma = 0.0, "", 0.0
+    for name, table in (("horizontal", scale.horizontal_lines), ("vertical", scale.vertical_lines)):
+        distances = table[table["span"] == 1].sort_values("first_line")
+        found = distances["distance_px"].to_numpy()
+        if found.size < _AROUND:
+            continue
+        off = found - ndimage.median_filter(found, _AROUND, mode="nearest")
+        k = int(np.abs(off).argmax())
+        if abs(off[k]) > abs(worst):
+            worst, sigma = float(off[k]), robust_sd(off, about=0)
+            where = f"{name} lines {int(distances['first_line'].iloc[k])} and {int(distances['last_line'].iloc[k])}"
+    wrong = abs(worst) > max(_MISSING_PX, _MISSING_SIGMAS * sigma)
+    note = (
+        f"; between {where}: {'rows' if 'horiz' in where else 'columns'} of the grid's picture are missing or doubled"
+    )
+    return Check(
+        name="even distances of the grid's lines",
+        value=abs(worst),
+        limit=_MISSING_PX,
+        unit="px",
+        decision="fail" if wrong else "pass",
+        rule="largest departure of a distance of neighbouring lines from the median of five around it, at most the "
+        "limit or six robust standard deviations" + (note if wrong else ""),
     )
 
 
