@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from fringecal import replacement
+from fringecal.errors import RecordError
 from fringecal.records.files import EARLIER, result_folder
 from fringecal.replacement import ABANDONED_S, Owner, hidden_beside, put_in_place, settle, signals_deferred
 
@@ -71,6 +72,24 @@ def test_a_folder_that_is_replaced_as_a_whole_keeps_nothing(out, monkeypatch, wa
     way(monkeypatch, out)
     put_in_place(gathered(out, {"a": "new"}), out, keep_others=False)
     assert content(out) == {"a": "new"}
+    assert [path.name for path in out.parent.iterdir()] == ["out"]
+
+
+@pytest.mark.parametrize("way", [by_exchange, by_moves])
+@pytest.mark.parametrize("name", ["mine", "r.json/a", "mine/diary.txt/a"])
+def test_what_stands_in_the_way_is_named_and_stays(out, monkeypatch, way, name):
+    """A file for somebody's folder, and folders for files."""
+    way(monkeypatch, out)
+    before = content(out)
+
+    def write():
+        with result_folder(out, last="r.json") as staging:
+            (staging / name).parent.mkdir(parents=True, exist_ok=True)
+            (staging / name).write_text("new")
+
+    with pytest.raises(RecordError, match="stands in the way"):
+        write()
+    assert content(out) == before
     assert [path.name for path in out.parent.iterdir()] == ["out"]
 
 

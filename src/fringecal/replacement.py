@@ -119,6 +119,8 @@ def _put(staging: Path, folder: Path, keep_others: bool, merge: Callable[[], Non
         staging.rename(folder)
         flush_folder(folder.parent)
         return
+    if keep_others:
+        _demand_no_conflict(staging, folder)
     merge()
     if _may_move(folder) and (not keep_others or _linked(folder, staging)):
         _made_alike(folder, staging)
@@ -203,6 +205,21 @@ def _remove(left: Path) -> None:
         shutil.rmtree(left, ignore_errors=True)
     else:
         left.unlink(missing_ok=True)
+
+
+def _demand_no_conflict(staging: Path, folder: Path) -> None:
+    """Refuse to put a file in the place of somebody's folder, or a folder in the place of a file.
+
+    Raises
+    ------
+    FileExistsError
+        As described.
+    """
+    for new in staging.rglob("*"):
+        there = folder / new.relative_to(staging)
+        if os.path.lexists(there) and there.is_dir() is not new.is_dir():
+            kind = "a folder" if there.is_dir() else "a file"
+            raise FileExistsError(errno.EEXIST, f"{kind} of another's stands in the way", str(there))
 
 
 def _linked(old: Path, new: Path) -> bool:

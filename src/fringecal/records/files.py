@@ -106,7 +106,8 @@ def result_folder(folder: str | Path, *, last: str = "calibration.json") -> Iter
             _flush(file)
         put_in_place(staging, folder, keep_others=True, merge=lambda: _keep_earlier(folder / last, staging / last))
     except OSError as error:
-        raise RecordError(f"{folder}: cannot be written ({error.strerror or error})") from error
+        where = error.filename if isinstance(error, FileExistsError) else folder
+        raise RecordError(f"{where}: cannot be written ({error.strerror or error})") from error
     finally:
         with signals_deferred():
             shutil.rmtree(staging, ignore_errors=True)
