@@ -191,7 +191,7 @@ def evenness_check(scale: ThesisScale) -> Check:
         f"; between {where}: {'rows' if 'horiz' in where else 'columns'} of the grid's picture are missing or doubled"
     )
     return Check(
-        name="even distances of the grid's lines",
+        name="distances of the grid's lines",
         value=abs(worst),
         limit=_MISSING_PX,
         unit="px",
