@@ -3,6 +3,8 @@
 import contextlib
 import hashlib
 import os
+import random
+import re
 import shutil
 import sqlite3
 import tempfile
@@ -176,3 +178,36 @@ def test_a_history_on_a_medium_that_cannot_be_written_is_read(folder, tmp_path, 
         with pytest.raises(HistoryError, match="h.db"), open_history(folder / "h.db") as history:
             history.append([make_entry(2)])
     assert state(folder) == before
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "what"),
+    [
+        ("u", "=cmd()", "'=cmd()' as u"),
+        ("value", b"\x00\xff", "as value"),
+        ("value", float("inf"), "inf as value"),
+        ("unit", b"mm", "as unit"),
+    ],
+)
+def test_values_that_no_history_holds_are_refused(tmp_path, column, value, what):
+    with open_history(tmp_path / "h.db") as history:
+        history.append([make_entry(1)])
+    with contextlib.closing(sqlite3.connect(tmp_path / "h.db")) as connection, connection:
+        connection.execute("DROP TRIGGER no_update_of_readings")
+        connection.execute(f"UPDATE readings SET {column} = ? WHERE id = 3", (value,))
+    with open_history(tmp_path / "h.db", create=False) as history, pytest.raises(HistoryError, match=re.escape(what)):
+        history.readings()
+
+
+def test_a_damaged_file_is_refused_or_read(tmp_path):
+    with open_history(tmp_path / "h.db") as history:
+        history.append([make_entry(k) for k in range(1, 9)])
+    content, draw = (tmp_path / "h.db").read_bytes(), random.Random(7)
+    for number in range(60):
+        damaged = bytearray(content)
+        for _ in range(draw.choice([1, 8, 40])):
+            damaged[draw.choice([draw.randrange(16, 9000), draw.randrange(16, len(content))])] = draw.randrange(256)
+        file = tmp_path / f"damaged-{number}.db"
+        file.write_bytes(damaged)
+        with contextlib.suppress(HistoryError), open_history(file, create=False) as history:
+            history.readings()

@@ -1,6 +1,7 @@
 """The history as a database: SQLite in one file, or PostgreSQL by URL; rows are added, never changed."""
 
 import contextlib
+import math
 import os
 import sqlite3
 from collections.abc import Iterator, Mapping, Sequence
@@ -17,11 +18,13 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from fringecal.errors import HistoryError
-from fringecal.guarded import Refusal, bytes_of, text_of
+from fringecal.guarded import Refusal, bytes_of, quoted, text_of
 from fringecal.history.entries import Entry
 from fringecal.history.history_tables import ENTRIES, NONE_IN_IT, READINGS, STEPS, demand_known, migrate, schema_version
 from fringecal.history.sqlite_files import WAIT_S, reader_engine, writer_engine
 
+# Of a damaged file not even the message can always be read as text.
+_DATABASE_ERRORS = (SQLAlchemyError, sqlite3.Error, UnicodeError)
 _MOST_URL = 4096  # bytes of a file that holds one
 _INSERT: Mapping[str, Any] = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}
 ENTRY_COLUMNS = tuple(str(column.name) for column in ENTRIES.columns if column.name not in ("id", "document"))
@@ -93,14 +96,32 @@ class History:
         order = [ENTRIES.c.captured, ENTRIES.c.id]
         with self._guarded(), self._engine.connect() as connection:
             rows = connection.execute(query.order_by(*order)).fetchall()
-        return pd.DataFrame(rows, columns=[str(column.name) for column in query.selected_columns])
+        columns = list(query.selected_columns)
+        for place, column in enumerate(columns):
+            self._demand_kind(column, [row[place] for row in rows])
+        return pd.DataFrame(rows, columns=[str(column.name) for column in columns])
+
+    def _demand_kind(self, column: Any, cells: Sequence[Any]) -> None:
+        """Refuse what cannot have been written here: SQLite lets any column hold any kind of value."""
+        is_right = _is_number if isinstance(column.type, sa.Float) else _is_text
+        wrong = next((cell for cell in cells if not is_right(cell)), None)
+        if wrong is not None:
+            raise HistoryError(f"{self.name}: a row holds {quoted(wrong)} as {column.name}; the history is damaged")
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
         try:
             yield
-        except SQLAlchemyError as error:
+        except _DATABASE_ERRORS as error:
             raise HistoryError(f"{self.name}: {_reason(error)}") from error
+
+
+def _is_number(cell: Any) -> bool:
+    return cell is None or (isinstance(cell, int | float) and math.isfinite(cell))
+
+
+def _is_text(cell: Any) -> bool:
+    return cell is None or isinstance(cell, str)
 
 
 def readings_of(entry: Entry) -> pd.DataFrame:
@@ -147,7 +168,7 @@ def open_history(where: str | Path, *, create: bool = True) -> History:
     url, name = _locate(where, create)
     try:
         return History(_engine(url, create), name)
-    except (SQLAlchemyError, sqlite3.Error, ImportError, OSError) as error:
+    except (*_DATABASE_ERRORS, ImportError, OSError) as error:
         raise HistoryError(f"{name}: {_reason(error)}") from error
     except HistoryError as error:
         raise HistoryError(f"{name}: {error}") from None
@@ -224,6 +245,8 @@ def _stated_elsewhere(where: str) -> str:
 def _reason(error: Exception) -> str:
     if isinstance(error, ImportError):
         return f"no driver for this database ({error}); install the extra `postgresql`"
+    if isinstance(error, UnicodeError):
+        return "the file is damaged"
     cause = getattr(error, "orig", None) or error
     text = " ".join(str(cause).split())
     hints = {

@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from fringecal.errors import HistoryError
 from fringecal.history.entries import SEVERITY
 
 # A spreadsheet takes what begins so for a formula (OWASP, CSV injection); our own sign of it among them, so that it can
@@ -74,8 +75,16 @@ def captured_since(frame: pd.DataFrame, first: datetime) -> pd.DataFrame:
         With a column `captured`.
     first
         The time, with its zone.
+
+    Raises
+    ------
+    HistoryError
+        A row has no time.
     """
-    later = [parsed_time(str(text)) >= first for text in frame["captured"]]
+    try:
+        later = [parsed_time(str(text)) >= first for text in frame["captured"]]
+    except ValueError as error:
+        raise HistoryError(f"a record of the history has no time that can be read; {error}") from None
     return frame[pd.Series(later, index=frame.index, dtype=bool)]
 
 
