@@ -52,6 +52,7 @@ def audit(
         read_calibration,
         result_folder,
         write_audit,
+        written_document,
     )
     from fringecal.session import load_session
     from fringecal.workflows.audit import audit as run
@@ -81,7 +82,7 @@ def audit(
     if history:
         append_record(out / AUDIT_FILE, history)
     if as_json:
-        print_json(record.model_dump(mode="json"))
+        print_json(written_document(record))
         raise typer.Exit(3 if record.verdict == "fail" else 0)
     if warning := reuse_sentence(found):
         console.print(f"WARNING: {warning}", style="bold yellow", markup=False, highlight=False, soft_wrap=True)

@@ -44,6 +44,7 @@ def commission(
         result_folder,
         write_calibration,
         write_cameramodel,
+        written_document,
     )
     from fringecal.session import load_session
     from fringecal.workflows.commission import calibration_record, commission_report
@@ -73,7 +74,7 @@ def commission(
     if history:
         append_record(out / CALIBRATION_FILE, history)
     if as_json:
-        print_json(record.model_dump(mode="json"))
+        print_json(written_document(record))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
     origin = found.calibrated.result.origin
     scales = found.calibrated.result.camera.scales

@@ -62,7 +62,7 @@ def lens(
 ) -> None:
     """Load, fit, save, print."""
     from fringecal.calibration import KnownLens
-    from fringecal.records import LensDocument, software_versions
+    from fringecal.records import LensDocument, software_versions, written_document
     from fringecal.workflows.lens import lens_record, lens_report
 
     _demand(solver, model, distance_mm, out)
@@ -87,7 +87,7 @@ def lens(
             )
             _save(document, report, found, out)
     if as_json:
-        print_json(document.model_dump(mode="json"))
+        print_json(written_document(document))
         return
     if taken is not None:
         console.print(channel_sentence(taken, channel), markup=False, highlight=False, soft_wrap=True)

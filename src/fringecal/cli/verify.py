@@ -50,6 +50,7 @@ def verify(
         read_calibration,
         result_folder,
         write_verification,
+        written_document,
     )
     from fringecal.session import load_session
     from fringecal.targets import Zigzag
@@ -77,7 +78,7 @@ def verify(
     if history:
         append_record(out / VERIFICATION_FILE, history)
     if as_json:
-        print_json(record.model_dump(mode="json"))
+        print_json(written_document(record))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
     console.print(table)
     print_outcome(record.checks, (record.sentence,), out)

@@ -91,6 +91,9 @@ from .documents import (
 from .documents import (
     write_document as write_document,
 )
+from .documents import (
+    written_document as written_document,
+)
 from .exports.cameramodel import (
     CAMERAMODEL_FILE as CAMERAMODEL_FILE,
 )

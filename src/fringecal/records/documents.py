@@ -121,13 +121,18 @@ def digest_of(document: Mapping[str, Any]) -> str:
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 
-def to_json(record: BaseModel) -> str:
-    """Print a record as indented JSON with its digest, each list of plain numbers on one line."""
+def written_document(record: BaseModel) -> dict[str, Any]:
+    """Return a record as it is written: as plain values, with the digest of its content last."""
     document = record.model_dump(mode="json")
     if isinstance(record, Digested):
         document = {name: value for name, value in document.items() if name != "digest"}
         document["digest"] = digest_of(document)
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    return document
+
+
+def to_json(record: BaseModel) -> str:
+    """Print a record as indented JSON with its digest, each list of plain numbers on one line."""
+    text = json.dumps(written_document(record), indent=2, ensure_ascii=False, allow_nan=False)
     # A raw line break cannot occur inside a JSON string, so only true lists of numbers match.
     return re.sub(r"\[\n\s+([^\[\]{}\"]*?)\n\s*\]", _on_one_line, text) + "\n"
 
