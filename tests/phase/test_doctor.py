@@ -297,3 +297,12 @@ def test_noise_of_half_a_turn_does_not_lengthen_the_fringes(rng, wrap):
     u = np.arange(800) + np.zeros((500, 1))
     phase = wrap(2 * np.pi * u / 64 + 1.2 * rng.standard_normal(u.shape))
     assert fringe_period(phase).period_px == pytest.approx(64, rel=0.1)
+
+
+def test_a_gamma_that_lets_the_phase_stand_still_does_not_lengthen_the_fringes():
+    # Three frames of an exponent of 4.5: the phase found rises in steps, and most neighbours differ by nearly nothing.
+    u = np.arange(900) + np.zeros((200, 1))
+    phase = 2 * np.pi * u / 90
+    wave = (0.5 + 0.5 * np.cos(phase + np.deg2rad([0, 120, 240])[:, None, None])) ** 4.5
+    found = np.arctan2(np.sqrt(3) * (wave[2] - wave[1]), 2 * wave[0] - wave[1] - wave[2])
+    assert fringe_period(found).period_px == pytest.approx(90, rel=0.05)

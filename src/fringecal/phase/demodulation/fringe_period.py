@@ -15,6 +15,7 @@ _LEAST_PIXELS = 16  # pairs of neighbours, and px along a picture's sides: fewer
 _LEAST_BLOCK_SHARE = 0.8  # of a block's pixels: the mean over a fringe with larger gaps keeps the ripple
 _LEAST_SLOPE = 1e-3  # rad/px: a fringe of 6283 px, longer than pictures are
 _STEADY = 0.7  # length of the mean of differences as turns, below which noise of 0.85 rad wraps one in thousands
+_MOVES = 0.5  # of the mean slope that the median one has, unless the phase stands still at most pixels
 _ROUNDS = 2  # the second one with blocks as long as the first one's fringe
 _PEAK_TO_MEDIAN = 30.0  # of the spectrum's power: in noise, a peak 30 times the median is one in 10^9 frequencies
 _NO_POWER = 1e-300  # added before a logarithm
@@ -77,7 +78,7 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
             f"found {usable[0]} and {usable[1]} pairs of valid neighbours along u and v; a fringe period "
             f"needs at least {_LEAST_PIXELS} of each: check exposure and the mask's reasons"
         )
-    slope_u, slope_v = _mean_slope(gradient_u), _mean_slope(gradient_v)
+    slope_u, slope_v = _usual_slopes(gradient_u, gradient_v)
     for _ in range(_ROUNDS):
         side = round(2 * np.pi / max(np.hypot(slope_u, slope_v), _LEAST_SLOPE))
         around = (slope + wrap(gradient - slope) for gradient, slope in ((gradient_u, slope_u), (gradient_v, slope_v)))
@@ -85,11 +86,19 @@ def fringe_period(phase: ArrayLike, valid: ArrayLike | None = None) -> FringePer
     return _from_gradient(slope_u, slope_v)
 
 
-def _mean_slope(gradient: NDArray) -> float:
-    """Return the median difference; where noise wraps many to the other side, the direction of their mean as turns."""
-    known = gradient[np.isfinite(gradient)]
-    mean = complex(np.mean(np.exp(1j * known)))
-    return float(np.median(known)) if abs(mean) > _STEADY else float(np.angle(mean))
+def _usual_slopes(gradient_u: NDArray, gradient_v: NDArray) -> tuple[float, float]:
+    """Return the median differences along both axes, or the direction of their means as turns.
+
+    The means where noise wraps many differences to the other side, and where a strong gamma lets the phase stand still
+    at most pixels.
+    """
+    known = [gradient[np.isfinite(gradient)] for gradient in (gradient_u, gradient_v)]
+    middle = [float(np.median(each)) for each in known]
+    means = [complex(np.mean(np.exp(1j * each))) for each in known]
+    turned = [float(np.angle(mean)) for mean in means]
+    steady = min(abs(mean) for mean in means) > _STEADY
+    usual = middle if steady and np.hypot(*middle) > _MOVES * np.hypot(*turned) else turned
+    return usual[0], usual[1]
 
 
 def _block_median(gradient: NDArray, side: int, fallback: float) -> float:
