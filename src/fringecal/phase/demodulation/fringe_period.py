@@ -1,5 +1,6 @@
 """Fringe period and direction, read from a phase map or from one picture."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,7 +98,7 @@ def _usual_slopes(gradient_u: NDArray, gradient_v: NDArray) -> tuple[float, floa
     means = [complex(np.mean(np.exp(1j * each))) for each in known]
     turned = [float(np.angle(mean)) for mean in means]
     steady = min(abs(mean) for mean in means) > _STEADY
-    usual = middle if steady and np.hypot(*middle) > _MOVES * np.hypot(*turned) else turned
+    usual = middle if steady and math.hypot(*middle) > _MOVES * math.hypot(*turned) else turned
     return usual[0], usual[1]
 
 

@@ -7,7 +7,7 @@ from fringecal.phase.demodulation.adapted import LEAST_CHANGE_RAD
 
 @dataclass(frozen=True)
 class FindingLimits:
-    """Sizes from which faults are named: with them, those of drawn plates that cost so much are, and none on clean sets.
+    """Sizes from which faults are named: with them those of drawn plates that cost so much are, none on clean sets.
 
     That campaign is `benchmarks/doctor_campaign.py`; its results, and the faults that look alike, stand in
     docs/phase.md. A deviation must be significant besides.
