@@ -32,6 +32,7 @@ import cv2
 import numpy as np
 
 ROOT = Path(__file__).parents[1]
+RIGS = ROOT / "src" / "fringecal" / "simulate" / "rigs"
 ARCHIVE = ROOT / "tests" / "records" / "archive" / "0.1.0"
 SLOWEST_S = 20  # of one case, on a machine that others use too: 4 MiB of TOML take 4 s
 LONGEST = 4000  # characters of a refusal: a session's faults, one a line
@@ -225,7 +226,7 @@ class Bench:
         self.grid = (ROOT / "targets" / "grid-10mm.toml").read_bytes()
         self.record = (ARCHIVE / "calibration.json").read_text(encoding="utf-8")
         self.targets = [file.read_bytes() for file in sorted((ROOT / "targets").glob("*.toml"))]
-        self.rigs = [file.read_bytes() for file in sorted((ROOT / "src/fringecal/simulate/rigs").glob("*.toml"))]
+        self.rigs = [file.read_bytes() for file in sorted(RIGS.glob("*.toml"))]
         self._restore()
         self.kinds: dict[str, Callable[[random.Random], None]] = {
             "session": self._session,
