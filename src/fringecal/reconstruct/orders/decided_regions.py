@@ -55,6 +55,8 @@ class DecisionRules:
         Share of a region's pixels that must lie on it for the region to be plate.
     edge_lines
         Neighbouring lines that must show an inner edge: a line along a fold may see one by noise.
+    surface_share
+        Share of a region's lines over a shadow that must say another order than most: then it is two surfaces.
     rounds
         How often regions that contradict themselves are split.
     closing_px
@@ -74,6 +76,7 @@ class DecisionRules:
     plate_pixels: int = 50
     main_share: float = 0.02
     plate_share: float = 0.8
+    surface_share: float = 0.3
     rounds: int = 2
     edge_lines: int = 12
     closing_px: int = 3
@@ -250,6 +253,7 @@ def gathered(
         found, seen, bounds = _walked(regions, light, lines, plate_at, noise)
         plate = PlateVotes.of(regions, rules)
         wrong = _self_contradictions(seen, bounds) | _against_the_rest(seen, bounds, plate, lines.rising, rules)
+        wrong |= _of_another_order(seen, rules)
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
@@ -310,6 +314,23 @@ def _against_the_rest(
         if bounds.equal[k]:
             same = (seen.first == bounds.first[k]) & (seen.second == bounds.second[k])
             wrong |= same & seen.shadow & (fringes == bounds.fringes[k])
+    return wrong
+
+
+def _of_another_order(seen: Passages, rules: DecisionRules) -> NDArray[np.bool_]:
+    """Passages over a shadow from a region that is two surfaces in one, of the order that fewer of its lines say.
+
+    Whole stretches of neighbouring lines say another order than most do: noise and the ends of an edge do not.
+    """
+    fringes, _ = seen.closing_fringes()
+    wrong = np.zeros(seen.first.size, bool)
+    pairs = np.unique(np.column_stack([seen.first, seen.second])[seen.shadow & (seen.first != seen.second)], axis=0)
+    for first, second in pairs:
+        here = seen.shadow & (seen.first == first) & (seen.second == second)
+        orders, lines = np.unique(fringes[here], return_counts=True)
+        many = lines >= max(rules.edge_lines, rules.surface_share * lines.sum())
+        for order in orders[many & (np.arange(len(orders)) != np.argmax(lines))]:
+            wrong |= here & (fringes == order)
     return wrong
 
 
