@@ -26,11 +26,21 @@ from fringecal.reconstruct.orders.line_evidence import (
     START_V,
     WAY_IN,
     breadths,
+    mark_run_ends,
     mark_runs,
     passages,
 )
 from fringecal.reconstruct.orders.piece_orders import plate_votes
-from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of, stretches
+from fringecal.reconstruct.orders.region_orders import (
+    EVIDENCE_RULES,
+    Bounds,
+    OrderBook,
+    Passages,
+    bounds_of,
+    closes_evenly,
+    same_pair,
+    stretches,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -253,12 +263,14 @@ def gathered(
         found, seen, bounds = _walked(regions, light, lines, plate_at, noise)
         plate = PlateVotes.of(regions, rules)
         wrong = _self_contradictions(seen, bounds) | _against_the_rest(seen, bounds, plate, lines.rising, rules)
-        wrong |= _of_another_order(seen, rules)
+        other = _of_another_order(seen, noise, rules)
+        wrong |= other
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
         free = found[:, WAY_IN] == FREE
         whole = _closed(mark_runs(found[wrong & free], regions.cores.shape, lines), rules.closing_px)
+        whole |= _before_gaps(found[other & ~free], regions.cores, lines)
         cut = mark_runs(found[edged | (wrong & ~free)], regions.cores.shape, lines)
         cut = _closed(cut, rules.bridged_px)
         inside = np.isin(regions.cores, np.unique(found[wrong | edged, FIRST]).astype(int))
@@ -317,21 +329,29 @@ def _against_the_rest(
     return wrong
 
 
-def _of_another_order(seen: Passages, rules: DecisionRules) -> NDArray[np.bool_]:
+def _of_another_order(seen: Passages, noise: NoiseLevels, rules: DecisionRules) -> NDArray[np.bool_]:
     """Passages over a shadow from a region that is two surfaces in one, of the order that fewer of its lines say.
 
-    Whole stretches of neighbouring lines say another order than most do: noise and the ends of an edge do not.
+    Every order that many lines say must close as evenly as over the shadow of one surface: a dark band that is none
+    gives orders that wander.
     """
-    fringes, _ = seen.closing_fringes()
+    fringes, left = seen.closing_fringes()
     wrong = np.zeros(seen.first.size, bool)
-    pairs = np.unique(np.column_stack([seen.first, seen.second])[seen.shadow & (seen.first != seen.second)], axis=0)
-    for first, second in pairs:
-        here = seen.shadow & (seen.first == first) & (seen.second == second)
-        orders, lines = np.unique(fringes[here], return_counts=True)
-        many = lines >= max(rules.edge_lines, rules.surface_share * lines.sum())
-        for order in orders[many & (np.arange(len(orders)) != np.argmax(lines))]:
-            wrong |= here & (fringes == order)
+    over = np.flatnonzero(seen.shadow & (seen.first != seen.second) & (np.abs(left) < EVIDENCE_RULES.closure_rad))
+    for at in same_pair(seen, over):
+        orders, lines = np.unique(fringes[at], return_counts=True)
+        many = orders[lines >= max(rules.edge_lines, rules.surface_share * at.size)]
+        said = [at[fringes[at] == order] for order in many]
+        if len(said) > 1 and all(closes_evenly(seen, left, one, noise.dark_level) for one in said):
+            said.sort(key=len)
+            wrong[np.concatenate(said[:-1])] = True
     return wrong
+
+
+def _before_gaps(found: Array, cores: Labels, lines: EpipolarLines) -> NDArray[np.bool_]:
+    """Mask of what lies before the last gap of runs: an edge that looks like none may be at any gap."""
+    runs, ends = mark_runs(found, cores.shape, lines), mark_run_ends(found, cores, lines)
+    return np.asarray(runs & ~ends)
 
 
 def _closed(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:

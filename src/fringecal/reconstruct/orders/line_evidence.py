@@ -272,13 +272,56 @@ def mark_runs(found, shape, lines: EpipolarLines):  # type: ignore[no-untyped-de
         The epipolar lines.
     """
     mask = np.zeros(shape, np.bool_)
-    entered = found[:, ENTRY].astype(np.int64)
-    v, u = np.divmod(entered, shape[1])
+    _mark(*_runs(found, shape, lines), mask)
+    return mask
+
+
+def mark_run_ends(found, cores, lines: EpipolarLines):  # type: ignore[no-untyped-def]
+    """Return a mask of the ends of the first regions' runs: what lies behind the last gap in the region.
+
+    Parameters
+    ----------
+    found
+        Passages, (n, `N_FIELDS`).
+    cores
+        Number of the region at smooth pixels, 0 elsewhere, int32, (H, W).
+    lines
+        The epipolar lines.
+    """
+    mask = np.zeros(cores.shape, np.bool_)
+    _mark_ends(*_runs(found, cores.shape, lines), found[:, FIRST].astype(np.int64), cores, mask)
+    return mask
+
+
+def _runs(found, shape, lines):  # type: ignore[no-untyped-def]
+    """Where each run begins and ends along its line, where it begins across, and the line."""
+    v, u = np.divmod(found[:, ENTRY].astype(np.int64), shape[1])
     begin, end = (v, found[:, END_V]) if lines.along_columns else (u, found[:, END_U])
     across = u if lines.along_columns else v
-    _mark(begin.astype(np.int64), np.rint(end).astype(np.int64), across.astype(np.int64),
-          (lines.along_columns, lines.forward, *lines.slope), mask)  # fmt: skip
-    return mask
+    line = (lines.along_columns, lines.forward, *lines.slope)
+    return begin.astype(np.int64), np.rint(end).astype(np.int64), across.astype(np.int64), line
+
+
+@njit(cache=True)
+def _mark_ends(begin, end, across, lines, label, cores, mask):  # type: ignore[no-untyped-def]
+    columns, forward, c0, c1, c2 = lines
+    length, breadth = mask.shape if columns else (mask.shape[1], mask.shape[0])
+    for k in range(begin.size):
+        gap, behind = begin[k] - forward, begin[k] - forward
+        for marking in range(2):
+            a, b = begin[k], float(across[k])
+            while (end[k] - a) * forward >= 0 and 0 <= a < length:
+                at = int(np.rint(b))
+                if 0 <= at < breadth:
+                    row, column = (a, at) if columns else (at, a)
+                    if cores[row, column] != label[k]:
+                        gap = a
+                    elif not marking:
+                        behind = gap
+                    elif (a - behind) * forward > 0:
+                        mask[row, column] = True
+                b += forward * (c0 + c1 * a + c2 * b)
+                a += forward
 
 
 @njit(cache=True)

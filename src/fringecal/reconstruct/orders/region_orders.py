@@ -163,14 +163,53 @@ def bounds_of(
     for first, second, at in _pairs(passages):
         closing, meeting = at[closed[at]], at[passages.meeting[at]]
         if closing.size >= max(rules.least_lines, rules.closing * np.count_nonzero(passages.shadow[at])):
-            even = float(np.std(left[closing])) < rules.even_rad and abs(float(np.mean(left[closing]))) < rules.mean_rad
-            even &= first == second or float(np.mean(passages.light[closing])) < dark_level
+            even = closes_evenly(passages, left, closing, dark_level, rules)
             rows += _vote(first, second, fringes[closing], even, rules)
         rows += _vote(first, second, least[meeting], False, rules)
     rows = _supported(rows, breadths, rules)
     rows.sort(key=lambda row: -row[4])
     a, b, c, equal, lines = (np.array([row[k] for row in rows], np.int64) for k in range(5))
     return Bounds(a, b, c, equal.astype(bool), lines)
+
+
+def closes_evenly(
+    passages: Passages, left: Array, at: Ints, dark_level: float, rules: EvidenceRules = EVIDENCE_RULES
+) -> bool:
+    """Whether what is left over at some passages of one pair of regions is as even as over the shadow of one surface.
+
+    Parameters
+    ----------
+    passages
+        All passages.
+    left
+        What `Passages.closing_fringes` leaves over, rad.
+    at
+        Numbers of the passages, over shadows.
+    dark_level
+        Modulation that noise alone shows, grey levels.
+    rules
+        What counts.
+    """
+    even = float(np.std(left[at])) < rules.even_rad and abs(float(np.mean(left[at]))) < rules.mean_rad
+    inner = bool(passages.first[at[0]] == passages.second[at[0]])
+    return even and (inner or float(np.mean(passages.light[at])) < dark_level)
+
+
+def same_pair(passages: Passages, at: Ints) -> list[Ints]:
+    """Group some passages by the ordered pair of regions that they join.
+
+    Parameters
+    ----------
+    passages
+        All passages.
+    at
+        Numbers of some of them.
+    """
+    if at.size == 0:
+        return []
+    key = passages.first[at] * (int(passages.second.max()) + 1) + passages.second[at]
+    order = np.argsort(key, kind="stable")
+    return list(np.split(at[order], np.flatnonzero(np.diff(key[order])) + 1))
 
 
 def _supported(rows: list[Row], breadths: Ints, rules: EvidenceRules) -> list[Row]:
