@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from fringecal.numerics import TURN, over_bands
 
 Array = NDArray[np.float64]
+Seen = tuple[NDArray[np.float32], NDArray[np.int32]]
+"""Modulation of the fringes, grey levels, and the regions' numbers where they are smooth, (H, W) both."""
 
 # Borders are cut by cells of this side, px: along an edge the jump passes through whole fringes, by chance, over a
 # stretch, and larger cells would mix it with what differs.
@@ -24,6 +26,9 @@ _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree
 _MEETING_RAD, _CURVED, _BESIDE_FOLD_PX, _MOST_RAD = 0.15, 4.0, 1.2, 1.2
 _BEHIND_PX = (2, 4, 6)  # from the border, of the three pixels that are continued: nearer ones are blurred over it
 _BESIDE_PX = 2  # to either side over which the continuation is averaged
+# A border beside which the modulation dips shows two phases mixed in one pixel: an edge, whatever order they meet in.
+_WAY_PX = 24  # from a border, the farthest to the smooth pixels of either side between which it is looked for
+_DIP_SHARE = 0.7  # of the darker of those
 
 
 @njit(cache=True)
@@ -66,6 +71,30 @@ def _steps_over(values, labels, rows, columns):  # type: ignore[no-untyped-def]
     return steps, tolerances
 
 
+@njit(cache=True)
+def _way(light, cores, row, column, towards):  # type: ignore[no-untyped-def]
+    """Go from a border to the nearest smooth pixel: the least modulation on the way, and that at its end."""
+    least = here = light[row, column]
+    for _ in range(_WAY_PX):
+        if cores[row, column] > 0 or not 0 <= row + towards < light.shape[0]:
+            break
+        row += towards
+        here = light[row, column]
+        least = min(least, here)
+    return least, here
+
+
+@njit(cache=True)
+def _dips(light, cores, rows, columns):  # type: ignore[no-untyped-def]
+    """Whether the modulation dips between the smooth pixels on both sides of borders between row and row + 1."""
+    dips = np.zeros(rows.size, np.bool_)
+    for i in range(rows.size):
+        above, level_above = _way(light, cores, rows[i], columns[i], -1)
+        below, level_below = _way(light, cores, rows[i] + 1, columns[i], 1)
+        dips[i] = min(above, below) < _DIP_SHARE * min(level_above, level_below)
+    return dips
+
+
 def _places(labels: NDArray[np.int32], along: bool) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Find where two regions touch: pixels whose neighbour below, or along the row, has another label."""
     dv, du = (0, 1) if along else (1, 0)
@@ -101,7 +130,7 @@ def _write_places(first, last, labels, dv, du, ends, rows, columns):  # type: ig
                     at += 1
 
 
-def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
+def _pairs(values: Array, labels: NDArray[np.int32], seen: Seen | None) -> NDArray[np.int64]:
     """List the pixel pairs over all borders: regions a < b, cell of the picture, order lacking, meeting or not."""
     found = []
     for along in (False, True):
@@ -112,6 +141,8 @@ def _pairs(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
         jump = np.where(first > second, -1, 1) * step
         order = np.floor(jump / TURN + 0.5)
         meets = np.abs(jump - TURN * order) < tolerance
+        if seen is not None:
+            meets &= ~(_dips(seen[0].T, seen[1].T, u, v) if along else _dips(*seen, v, u))
         cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
         found.append(np.column_stack([np.minimum(first, second), np.maximum(first, second), cells, order, meets]))
     return np.concatenate(found).astype(np.int64)
@@ -128,14 +159,16 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
     return first, number
 
 
-def trusted_borders(values: Array, labels: NDArray[np.int32]) -> NDArray[np.int64]:
+def trusted_borders(
+    values: Array, labels: NDArray[np.int32], seen: Seen | None = None
+) -> NDArray[np.int64]:
     """Judge every border cell by cell; rows of a, b, the order that b lacks, and how many pixel pairs agree, (n, 4).
 
     The longest border comes first. A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge
     the sides differ by any amount, and where they happen to meet that is so over a short stretch only; along a fold
-    they meet throughout.
+    they meet throughout; where the modulation that was `seen` dips, they do not.
     """
-    a, b, cell, order, meets = _pairs(values, labels).T
+    a, b, cell, order, meets = _pairs(values, labels, seen).T
     border_first, border = _numbers(a, b)
     cell_first, of_cell = _numbers(border, cell)
     vote_first, of_vote = _numbers(of_cell, order)

@@ -56,9 +56,12 @@ class Regions:
         flood(values, labels, phase)
         return Regions(values, kept, labels)
 
-    def borders(self) -> NDArray[np.int64]:
-        """Return borders along which both sides meet: rows of regions a, b, the fringes b lacks, pixel pairs."""
-        return trusted_borders(self.values, self.labels)
+    def borders(self, light: NDArray[np.float32] | None = None) -> NDArray[np.int64]:
+        """Return borders along which both sides meet: rows of regions a, b, the fringes b lacks, pixel pairs.
+
+        Where the modulation `light`, (H, W), dips between their smooth pixels, they do not.
+        """
+        return trusted_borders(self.values, self.labels, None if light is None else (light, self.cores))
 
 
 def smooth_regions(phase: ArrayLike, valid: ArrayLike) -> Regions | None:

@@ -204,11 +204,11 @@ def decide_regions(
     """
     evidence = gathered(regions, light, lines, plate_at, NoiseLevels.of(sigma_rad, light, regions, rules), rules)
     book = OrderBook(evidence.regions.number, evidence.bounds)
-    _start_at_plate(book, evidence, lines.rising, rules)
+    _start_at_plate(book, evidence, light, lines.rising, rules)
     doubtful = _plate_or_not(book, evidence, lines.rising, rules)
     if doubtful.any():
         book = OrderBook(evidence.regions.number, evidence.bounds.without(doubtful))
-        _start_at_plate(book, evidence, lines.rising, rules, doubtful)
+        _start_at_plate(book, evidence, light, lines.rising, rules, doubtful)
     orders = lines.rising * book.orders()
     orders[0] = np.nan
     return DecidedRegions(evidence.regions, orders, book.low, book.high, lines.rising)
@@ -223,7 +223,12 @@ def _plate_or_not(book: OrderBook, evidence: Evidence, rising: int, rules: Decis
 
 
 def _start_at_plate(
-    book: OrderBook, evidence: Evidence, rising: int, rules: DecisionRules, without: NDArray[np.bool_] | None = None
+    book: OrderBook,
+    evidence: Evidence,
+    light: NDArray[np.float32],
+    rising: int,
+    rules: DecisionRules,
+    without: NDArray[np.bool_] | None = None,
 ) -> None:
     """Give the plate its order, carry all bounds through from it, and choose among what they leave."""
     regions = evidence.regions
@@ -237,7 +242,7 @@ def _start_at_plate(
     for region in np.argsort(-counts, kind="stable").tolist():
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
-    borders = regions.borders()
+    borders = regions.borders(light)
     usable = ((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)
     _by_contact(book, borders[usable], regions, rising)
 
