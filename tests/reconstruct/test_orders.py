@@ -1,21 +1,27 @@
 """Fringe orders of unknown objects: decided where shadows and the plate say them, open where nothing does."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from fringecal.phase import demodulate
+from fringecal.phase.unwrapping.borders import trusted_borders
 from fringecal.phase.unwrapping.regions import smooth_regions
 from fringecal.reconstruct import Reason, absolute_phase
 from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
 from fringecal.reconstruct.orders.mixed_pixels import beside_breaks
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
+from fringecal.simulate import render
+from fringecal.simulate.scene.objects import box
+from fringecal.simulate.scene.scene import Scene
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from object_population import OBJECTS, draw_case  # noqa: E402
+from object_population import OBJECTS, draw_case, fringe_height_mm  # noqa: E402
 
 SEED = 7  # the campaign of benchmarks/object_orders.py uses others
 KINDS = tuple(OBJECTS)
@@ -49,6 +55,53 @@ def test_an_isolated_block_is_read_right_by_its_shadow(found):
     valid = f.reasons[top] == 0
     assert valid.mean() > 0.5
     assert np.mean(np.abs(f.difference_rad - true)[top][valid] < np.pi) > 0.998  # the rest sees its rim
+
+
+def height_of_step(calibration, turns):
+    """Height in the middle of the picture whose step over the plate is so many fringes, mm."""
+    rays = calibration.camera.rays(*(np.array([c]) for c in calibration.camera.centre_px))
+
+    def off(z):
+        x, y = rays.at(np.array([z]))
+        step = calibration.model.phase(x, y, np.array([z])) - calibration.model.phase(rays.ax, rays.ay, 0.0)
+        return abs(float(step[0])) / (2 * np.pi) - turns
+
+    return brentq(off, 0.0, 10 * turns * fringe_height_mm(calibration))
+
+
+def treads_of(case, heights_mm, half_mm=30.0, length_mm=70.0):
+    """Treads side by side, each with a shadow of its own: phase, and the case with what is true."""
+    edges = np.linspace(-half_mm, half_mm, len(heights_mm) + 1)
+    spans = zip(edges, edges[1:], heights_mm, strict=False)
+    solids = tuple(box((a, b), (-length_mm / 2, length_mm / 2), h) for a, b, h in spans)
+    frames = render(case.spec, Scene(solids=solids), seed=1)
+    return demodulate(frames.frames, case.phase_shifts_rad), replace(case, frames=frames)
+
+
+@pytest.mark.parametrize("turns", [(1.4, 2.4), (2.5, 1.5), (1.3, 4.3)])
+def test_treads_side_by_side_that_differ_by_whole_fringes_are_told_apart_by_their_shadows(found, turns):
+    """Nothing in the phase shows the edge between them: one smooth region, whose shadows say two orders."""
+    case = found[0][0]
+    heights = [height_of_step(case.calibration, t) for t in turns]
+    phase, case = treads_of(case, heights)
+    got, true = absolute_phase(phase, case.calibration), case.true_step_rad()
+    for height in heights:
+        tread = case.frames.lit & (np.abs(case.frames.z - height) < 0.01)
+        valid = got.reasons[tread] == 0
+        assert valid.mean() > 0.5
+        assert np.mean(np.abs(got.difference_rad - true)[tread][valid] < np.pi) > 0.99  # the rest sees the edge
+
+
+def test_a_border_over_which_the_modulation_dips_joins_nothing():
+    """Two flat regions that meet in one phase: continuous paint, or an edge at which a pixel sees both."""
+    values, labels = np.zeros((80, 80)), np.ones((80, 80), np.int32)
+    labels[:, 40:] = 2
+    light = np.full(values.shape, 80.0, np.float32)
+    light[:, 40:] = 50.0
+    assert len(trusted_borders(values, labels, (light, labels))) == 1
+    cores = labels.copy()
+    cores[:, 33:44], light[:, 35:37] = 0, 30.0
+    assert len(trusted_borders(values, labels, (light, cores))) == 0
 
 
 def test_pixels_beside_an_edge_say_so(found):

@@ -159,9 +159,7 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
     return first, number
 
 
-def trusted_borders(
-    values: Array, labels: NDArray[np.int32], seen: Seen | None = None
-) -> NDArray[np.int64]:
+def trusted_borders(values: Array, labels: NDArray[np.int32], seen: Seen | None = None) -> NDArray[np.int64]:
     """Judge every border cell by cell; rows of a, b, the order that b lacks, and how many pixel pairs agree, (n, 4).
 
     The longest border comes first. A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge

@@ -67,6 +67,9 @@ class DecisionRules:
         Neighbouring lines that must show an inner edge: a line along a fold may see one by noise.
     surface_share
         Share of a region's lines over a shadow that must say another order than most: then it is two surfaces.
+    part_share
+        Share of the lines through a part of a split region that a shadow must decide, if its pixels meet the rest
+        with another order.
     rounds
         How often regions that contradict themselves are split.
     closing_px
@@ -87,6 +90,7 @@ class DecisionRules:
     main_share: float = 0.02
     plate_share: float = 0.8
     surface_share: float = 0.3
+    part_share: float = 0.7
     rounds: int = 2
     edge_lines: int = 12
     closing_px: int = 3
@@ -203,15 +207,34 @@ def decide_regions(
         When a region is plate.
     """
     evidence = gathered(regions, light, lines, plate_at, NoiseLevels.of(sigma_rad, light, regions, rules), rules)
+    borders = evidence.regions.borders(light)
     book = OrderBook(evidence.regions.number, evidence.bounds)
-    _start_at_plate(book, evidence, light, lines.rising, rules)
+    _start_at_plate(book, evidence, borders, lines.rising, rules)
     doubtful = _plate_or_not(book, evidence, lines.rising, rules)
     if doubtful.any():
         book = OrderBook(evidence.regions.number, evidence.bounds.without(doubtful))
-        _start_at_plate(book, evidence, light, lines.rising, rules, doubtful)
+        _start_at_plate(book, evidence, borders, lines.rising, rules, doubtful)
     orders = lines.rising * book.orders()
+    orders[_ill_supported_parts(orders, evidence, borders, lines, rules)] = np.nan
     orders[0] = np.nan
     return DecidedRegions(evidence.regions, orders, book.low, book.high, lines.rising)
+
+
+def _ill_supported_parts(
+    orders: Array, evidence: Evidence, borders: Ints, lines: EpipolarLines, rules: DecisionRules
+) -> NDArray[np.bool_]:
+    """Parts of split regions that few lines over shadows put elsewhere than where many pixels meet the rest."""
+    b, known = evidence.bounds, np.isfinite(orders)
+    one, two, lacking, pairs = borders.T
+    against = known[one] & known[two] & (orders[two] - orders[one] != lacking) & (two > evidence.whole)
+    bad = np.zeros(orders.size, np.bool_)
+    if against.any():
+        holds = b.equal & (b.first != b.second) & known[b.first] & known[b.second]
+        holds[holds] = lines.rising * (orders[b.second] - orders[b.first])[holds] == b.fringes[holds]
+        support = sum(np.bincount(ends[holds], b.lines[holds], orders.size) for ends in (b.first, b.second))
+        few = (support > 0) & (support < rules.part_share * breadths(evidence.regions.cores, lines))
+        bad[two[against & few[two] & (pairs > support[two])]] = True
+    return bad
 
 
 def _plate_or_not(book: OrderBook, evidence: Evidence, rising: int, rules: DecisionRules) -> NDArray[np.bool_]:
@@ -225,7 +248,7 @@ def _plate_or_not(book: OrderBook, evidence: Evidence, rising: int, rules: Decis
 def _start_at_plate(
     book: OrderBook,
     evidence: Evidence,
-    light: NDArray[np.float32],
+    borders: Ints,
     rising: int,
     rules: DecisionRules,
     without: NDArray[np.bool_] | None = None,
@@ -242,7 +265,6 @@ def _start_at_plate(
     for region in np.argsort(-counts, kind="stable").tolist():
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
-    borders = regions.borders(light)
     usable = ((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)
     _by_contact(book, borders[usable], regions, rising)
 
@@ -274,14 +296,13 @@ def gathered(
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
         free = found[:, WAY_IN] == FREE
-        whole = _closed(mark_runs(found[wrong & free], regions.cores.shape, lines), rules.closing_px)
+        shape = regions.cores.shape
+        whole = _closed(mark_runs(found[wrong & free], shape, lines), rules.closing_px)
         whole |= _before_gaps(found[other & ~free], regions.cores, lines)
-        cut = mark_runs(found[edged | (wrong & ~free)], regions.cores.shape, lines)
-        cut = _closed(cut, rules.bridged_px)
-        inside = np.isin(regions.cores, np.unique(found[wrong | edged, FIRST]).astype(int))
-        own = cut & ~whole & inside
+        cut = _closed(mark_runs(found[edged | (wrong & ~free)], shape, lines), rules.bridged_px)
         changed = np.unique(found[wrong | edged, FIRST]).astype(np.int64)
-        out = whole & inside
+        inside = np.isin(regions.cores, changed)
+        own, out = cut & ~whole & inside, whole & inside
         regions = _split(regions, own, out, changed)
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
     return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules))
