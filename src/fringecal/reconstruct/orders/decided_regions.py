@@ -15,6 +15,7 @@ from fringecal.numerics import TURN
 from fringecal.phase import Regions
 from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import EpipolarLines
+from fringecal.reconstruct.orders.faint_edges import faint_edges
 from fringecal.reconstruct.orders.line_evidence import (
     END_U,
     END_V,
@@ -70,8 +71,11 @@ class DecisionRules:
     part_share
         Share of the lines through a part of a split region that a shadow must decide, if its pixels meet the rest
         with another order.
+    faint_sigmas
+        Break between two windows beside each other, in its standard uncertainties, at which a region that contradicts
+        itself is cut first.
     rounds
-        How often regions that contradict themselves are split.
+        How often regions that contradict themselves are cut: at faint edges first, then along lines.
     closing_px
         Side of the square over which runs of contradiction are closed: lines run between pixels.
     bridged_px
@@ -91,7 +95,8 @@ class DecisionRules:
     plate_share: float = 0.8
     surface_share: float = 0.3
     part_share: float = 0.7
-    rounds: int = 2
+    faint_sigmas: float = 6.0
+    rounds: int = 3
     edge_lines: int = 12
     closing_px: int = 3
     bridged_px: int = 15
@@ -107,8 +112,9 @@ DECISION_RULES = DecisionRules()
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """What noise alone may show: a jump within a region, rad, and modulation where no light arrives, grey levels."""
+    """Typical u(phi), rad, and what it may show: a jump within a region, rad; modulation without light, grey levels."""
 
+    sigma_rad: float
     edge_rad: float
     dark_level: float
 
@@ -119,7 +125,7 @@ class NoiseLevels:
         lit = light[sample][regions.cores[sample] > 0]
         level = float(np.median(lit)) if lit.size else 0.0
         edge = float(np.clip(rules.edge_sigmas * sigma_rad, *rules.edge_limits_rad))
-        return cls(edge, rules.dark_sigmas * sigma_rad * level)
+        return cls(sigma_rad, edge, rules.dark_sigmas * sigma_rad * level)
 
 
 @dataclass(frozen=True)
@@ -286,7 +292,7 @@ def gathered(
 ) -> Evidence:
     """Walk along epipolar lines; split regions that a shadow shows to be two surfaces in one, and walk again."""
     unsplit = regions.number
-    for _ in range(rules.rounds):
+    for turn in range(rules.rounds):
         found, seen, bounds = _walked(regions, light, lines, plate_at, noise)
         plate = PlateVotes.of(regions, rules)
         wrong = _self_contradictions(seen, bounds) | _against_the_rest(seen, bounds, plate, lines.rising, rules)
@@ -295,6 +301,11 @@ def gathered(
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
+        if turn == 0:
+            regions = _cut_at_faint_edges(
+                regions, np.unique(found[wrong | edged, FIRST]).astype(np.int64), noise, rules
+            )
+            continue
         free = found[:, WAY_IN] == FREE
         shape = regions.cores.shape
         whole = _closed(mark_runs(found[wrong & free], shape, lines), rules.closing_px)
@@ -374,6 +385,18 @@ def _of_another_order(seen: Passages, noise: NoiseLevels, rules: DecisionRules) 
     return wrong
 
 
+def _cut_at_faint_edges(regions: Regions, changed: Ints, noise: NoiseLevels, rules: DecisionRules) -> Regions:
+    """Cut regions that are two surfaces in one where a break shows that no two neighbours do."""
+    cores, number = regions.cores.copy(), regions.number
+    out = np.zeros(cores.shape, np.bool_)
+    for region in changed.tolist():
+        inside = cores == region
+        edges = inside & faint_edges(regions.values, inside, rules.faint_sigmas, noise.sigma_rad)
+        cores[edges], out[edges] = 0, True
+        number = _numbered_parts(cores, cores == region, number, keep_largest=True)
+    return _regrown(regions, cores, out)
+
+
 def _before_gaps(found: Array, cores: Labels, lines: EpipolarLines) -> NDArray[np.bool_]:
     """Mask of what lies before the last gap of runs: an edge that looks like none may be at any gap."""
     runs, ends = mark_runs(found, cores.shape, lines), mark_run_ends(found, cores, lines)
@@ -395,7 +418,14 @@ def _split(regions: Regions, own: NDArray[np.bool_], out: NDArray[np.bool_], cha
     number = _numbered_parts(cores, own, regions.number, keep_largest=False)
     for region in changed.tolist():
         number = _numbered_parts(cores, (cores == region) & ~own, number, keep_largest=True)
-    return regions.with_cores(cores, out)
+    return _regrown(regions, cores, out)
+
+
+def _regrown(regions: Regions, cores: Labels, out: NDArray[np.bool_]) -> Regions:
+    """Let split regions grow again, none over what belonged to another: nothing says where the edge between them is."""
+    grown = regions.with_cores(cores, out)
+    foreign = (grown.labels != regions.labels) & (grown.labels > 0) & (grown.labels <= regions.number)
+    return grown.with_cores(cores, out | foreign) if foreign.any() else grown
 
 
 def _numbered_parts(cores: Labels, mask: NDArray[np.bool_], number: int, *, keep_largest: bool) -> int:
