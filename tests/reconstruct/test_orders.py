@@ -8,14 +8,16 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from fringecal.phase import demodulate
+from fringecal.phase import Regions, demodulate
 from fringecal.phase.unwrapping.borders import trusted_borders
 from fringecal.phase.unwrapping.regions import smooth_regions
 from fringecal.reconstruct import Reason, absolute_phase
 from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
+from fringecal.reconstruct.orders.faint_edges import faint_edges
 from fringecal.reconstruct.orders.mixed_pixels import beside_breaks
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
+from fringecal.reconstruct.orders.sinking import Depths
 from fringecal.simulate import render
 from fringecal.simulate.scene.objects import box
 from fringecal.simulate.scene.scene import Scene
@@ -78,9 +80,9 @@ def treads_of(case, heights_mm, half_mm=30.0, length_mm=70.0):
     return demodulate(frames.frames, case.phase_shifts_rad), replace(case, frames=frames)
 
 
-@pytest.mark.parametrize("turns", [(1.4, 2.4), (2.5, 1.5), (1.3, 4.3)])
-def test_treads_side_by_side_that_differ_by_whole_fringes_are_told_apart_by_their_shadows(found, turns):
-    """Nothing in the phase shows the edge between them: one smooth region, whose shadows say two orders."""
+@pytest.mark.parametrize("turns", [(1.4, 2.4), (2.5, 1.53), (1.3, 4.3)])
+def test_treads_side_by_side_that_differ_by_nearly_whole_fringes_are_told_apart_by_their_shadows(found, turns):
+    """No two neighbours show the edge between them: one smooth region, whose shadows say two orders."""
     case = found[0][0]
     heights = [height_of_step(case.calibration, t) for t in turns]
     phase, case = treads_of(case, heights)
@@ -89,7 +91,34 @@ def test_treads_side_by_side_that_differ_by_whole_fringes_are_told_apart_by_thei
         tread = case.frames.lit & (np.abs(case.frames.z - height) < 0.01)
         valid = got.reasons[tread] == 0
         assert valid.mean() > 0.5
-        assert np.mean(np.abs(got.difference_rad - true)[tread][valid] < np.pi) > 0.99  # the rest sees the edge
+        assert np.mean(np.abs(got.difference_rad - true)[tread][valid] < np.pi) > 0.995
+
+
+def test_a_break_far_below_a_pixels_noise_is_found_and_none_on_a_smooth_surface():
+    rng = np.random.default_rng(0)
+    v, u = np.mgrid[0:120, 0:160].astype(float)
+    surface = 0.02 * v + 0.01 * u + 0.03 * rng.standard_normal(u.shape)
+    inside = (u > 10) & (u < 150) & (v > 10) & (v < 110)
+    assert not faint_edges(surface, inside, 6.0, 0.03).any()
+    broken = faint_edges(surface + 0.15 * (u >= 80), inside, 6.0, 0.03)
+    assert broken[20:100, 79:81].all()
+    assert not broken[:, :60].any()
+    assert not broken[:, 100:].any()
+
+
+def flat_regions(steps):
+    labels = np.repeat(np.arange(1, len(steps) + 1, dtype=np.int32), 30)[None, :] * np.ones((30, 1), np.int32)
+    return Regions(np.asarray(steps, float)[labels - 1], labels, labels)
+
+
+@pytest.mark.parametrize("rising", [1, -1])
+def test_what_an_order_puts_below_the_plate_is_impossible_unless_it_may_be_so_low(rising):
+    regions = flat_regions(rising * np.array([0.1, 2.0]))
+    depths = Depths.of(regions, rising, -0.9)
+    assert not depths.impossible({1: 0, 2: 0})
+    assert depths.impossible({2: -1})
+    assert depths.impossible({1: 0, 2: -2})
+    assert not Depths.of(regions, rising, -11.0).impossible({2: -2})
 
 
 def test_a_border_over_which_the_modulation_dips_joins_nothing():
@@ -181,12 +210,12 @@ def test_many_small_regions_do_not_hang_on_a_short_border():
     sizes, orders = np.array([90_000] + 9 * [900]), np.array([0.0] + 9 * [np.nan])
     breadth = np.sqrt(9 * 900)
     for pairs, hangs in ((int(0.3 * breadth), False), (int(0.5 * breadth), True)):
-        found = orders_by_contact(np.array([(0, 1, 2, pairs), *chain]), sizes, orders)
+        found = orders_by_contact(np.array([(0, 1, 2, pairs), *chain]), sizes, orders, lambda _: False)
         assert found == ({k: 1 + k for k in range(1, 10)} if hangs else {})
 
 
 def test_without_borders_nothing_hangs():
-    assert orders_by_contact(np.zeros((0, 4), np.int64), np.array([10, 10]), np.array([0.0, np.nan])) == {}
+    assert orders_by_contact(np.zeros((0, 4), np.int64), np.array([10, 10]), np.array([0.0, np.nan]), bool) == {}
 
 
 def test_a_region_in_which_paths_disagree_is_narrowed_until_they_agree():

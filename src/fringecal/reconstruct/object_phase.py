@@ -17,6 +17,7 @@ from fringecal.reconstruct.orders.decided_regions import DecidedRegions, decide_
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
 from fringecal.reconstruct.orders.mixed_pixels import beside_breaks, beside_edges
 from fringecal.reconstruct.orders.piece_orders import add_turns, decide_pieces, order_by_height, pixels_of
+from fringecal.reconstruct.orders.sinking import DEEPEST_RAD
 from fringecal.reconstruct.row_rays import rig_rows
 
 Array = NDArray[np.float64]
@@ -142,6 +143,7 @@ def _by_evidence(
         epipolar_lines(calibration),
         _plate_phase(calibration),
         float(np.median(sigma)) if sigma.size else 0.0,
+        deepest_rad=_deepest_rad(calibration, height_range_mm),
     )
     orders = found.orders
     if height_range_mm is not None:
@@ -150,6 +152,13 @@ def _by_evidence(
     over_bands(add_turns, len(step), found.regions.values, found.regions.labels, TURN * orders, step)
     reasons[(reasons == 0) & beside_edges(step, found.regions, phase_map.modulation)] = int(Reason.EDGE)
     return step, int(np.isnan(orders[1:]).sum())
+
+
+def _deepest_rad(calibration: RigCalibration, height_range_mm: tuple[float, float] | None) -> float:
+    """Return the step of the lowest that an object can be, rad: the plate, unless less is stated."""
+    if height_range_mm is None or not -np.inf < height_range_mm[0] < 0:
+        return DEEPEST_RAD
+    return DEEPEST_RAD - 2 * abs(float(_steps_at_centre(calibration, (height_range_mm[0],))[0]))
 
 
 def _plate_phase(calibration: RigCalibration) -> Callable[[Array, Array], Array]:

@@ -5,6 +5,7 @@ the step is whole fringes by chance, would give all of them a wrong order. So th
 border must be long for the size of what hangs on it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -67,7 +68,9 @@ def joints_between(borders: Ints, found: Groups) -> Ints:
     return np.column_stack([joints, pairs])
 
 
-def orders_by_contact(borders: Ints, sizes: Ints, orders: NDArray[np.float64]) -> dict[int, int]:
+def orders_by_contact(
+    borders: Ints, sizes: Ints, orders: NDArray[np.float64], impossible: Callable[[dict[int, int]], bool]
+) -> dict[int, int]:
     """Return the orders of open regions that hang on decided ones by borders long enough for their whole group.
 
     Parameters
@@ -76,6 +79,8 @@ def orders_by_contact(borders: Ints, sizes: Ints, orders: NDArray[np.float64]) -
         As for `contact_groups`.
     orders
         Order of every region, NaN where open.
+    impossible
+        Whether the orders of a whole group cannot be.
     """
     known = np.isfinite(orders)
     inner, across = ~known[borders[:, :2]].any(axis=1), known[borders[:, :2]].sum(axis=1) == 1
@@ -89,4 +94,9 @@ def orders_by_contact(borders: Ints, sizes: Ints, orders: NDArray[np.float64]) -
     for (group, base), pairs in sorted(hanging.items(), key=lambda one: one[1]):
         if pairs >= CONTACT_SHARE * np.sqrt(found.pixels[group]):
             chosen[group] = base  # the longest comes last
-    return {int(r): chosen[int(g)] + int(found.fringes[r]) for r, g in enumerate(found.group) if int(g) in chosen}
+    hung: dict[int, int] = {}
+    for group, base in chosen.items():
+        members = np.flatnonzero(found.group == group).tolist()
+        those = {r: base + int(found.fringes[r]) for r in members}
+        hung |= {} if impossible(those) else those
+    return hung

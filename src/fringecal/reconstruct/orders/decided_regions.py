@@ -42,6 +42,7 @@ from fringecal.reconstruct.orders.region_orders import (
     same_pair,
     stretches,
 )
+from fringecal.reconstruct.orders.sinking import DEEPEST_RAD, Depths
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -190,6 +191,7 @@ def decide_regions(
     plate_at: PlateAt,
     sigma_rad: float,
     *,
+    deepest_rad: float = DEEPEST_RAD,
     rules: DecisionRules = DECISION_RULES,
 ) -> DecidedRegions:
     """Decide the order of every region against the plate's.
@@ -209,21 +211,31 @@ def decide_regions(
         The plate's phase.
     sigma_rad
         Typical u(phi), rad.
+    deepest_rad
+        Step over the plate of the lowest that an object can be, rad: what evidence would put lower stays open.
     rules
         When a region is plate.
     """
     evidence = gathered(regions, light, lines, plate_at, NoiseLevels.of(sigma_rad, light, regions, rules), rules)
     borders = evidence.regions.borders(light)
+    depths = Depths.of(evidence.regions, lines.rising, deepest_rad)
     book = OrderBook(evidence.regions.number, evidence.bounds)
-    _start_at_plate(book, evidence, borders, lines.rising, rules)
+    _start_at_plate(book, evidence, borders, depths, lines.rising, rules)
     doubtful = _plate_or_not(book, evidence, lines.rising, rules)
     if doubtful.any():
         book = OrderBook(evidence.regions.number, evidence.bounds.without(doubtful))
-        _start_at_plate(book, evidence, borders, lines.rising, rules, doubtful)
-    orders = lines.rising * book.orders()
+        _start_at_plate(book, evidence, borders, depths, lines.rising, rules, doubtful)
+    orders = lines.rising * _without_sunk(book.orders(), depths)
     orders[_ill_supported_parts(orders, evidence, borders, lines, rules)] = np.nan
     orders[0] = np.nan
     return DecidedRegions(evidence.regions, orders, book.low, book.high, lines.rising)
+
+
+def _without_sunk(orders: Array, depths: Depths) -> Array:
+    """Open what would lie below the lowest that an object can be."""
+    sunk = [r for r in (np.flatnonzero(np.isfinite(orders[1:])) + 1).tolist() if depths.impossible({r: int(orders[r])})]
+    orders[sunk] = np.nan
+    return orders
 
 
 def _ill_supported_parts(
@@ -255,6 +267,7 @@ def _start_at_plate(
     book: OrderBook,
     evidence: Evidence,
     borders: Ints,
+    depths: Depths,
     rising: int,
     rules: DecisionRules,
     without: NDArray[np.bool_] | None = None,
@@ -272,7 +285,7 @@ def _start_at_plate(
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
     usable = ((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)
-    _by_contact(book, borders[usable], regions, rising)
+    _by_contact(book, borders[usable], regions, depths, rising)
 
 
 def _chosen_main(book: OrderBook, plate: PlateVotes, rising: int, rules: DecisionRules) -> bool:
@@ -447,10 +460,14 @@ def _at_rim(regions: Regions, rules: DecisionRules) -> NDArray[np.bool_]:
     return found
 
 
-def _by_contact(book: OrderBook, borders: Ints, regions: Regions, rising: int) -> None:
+def _by_contact(book: OrderBook, borders: Ints, regions: Regions, depths: Depths, rising: int) -> None:
     """Carry orders over borders along which both sides meet, from what is decided."""
     sizes = np.bincount(regions.labels.ravel(), minlength=regions.number + 1)
     orders = np.where(book.low == book.high, rising * book.low, np.nan)
-    for region, order in orders_by_contact(borders, sizes, orders).items():
+
+    def impossible(group: dict[int, int]) -> bool:
+        return depths.impossible({region: rising * order for region, order in group.items()})
+
+    for region, order in orders_by_contact(borders, sizes, orders, impossible).items():
         if np.isnan(orders[region]):
             book.choose(region, rising * order)
