@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -47,7 +48,8 @@ def test_hardly_a_valid_pixel_is_off_by_half_a_fringe(found):
 
 
 def test_what_hangs_together_with_the_plate_is_decided(found):
-    decided = [np.mean(f.reasons[case.decidable() & (f.reasons != Reason.NO_PHASE)] == 0) for case, f, _ in found]
+    unseen = (Reason.NO_PHASE, Reason.SHADOW)
+    decided = [np.mean(f.reasons[case.decidable() & ~np.isin(f.reasons, unseen)] == 0) for case, f, _ in found]
     assert np.mean(decided) > 0.93
 
 
@@ -131,6 +133,15 @@ def test_a_border_over_which_the_modulation_dips_joins_nothing():
     cores = labels.copy()
     cores[:, 33:44], light[:, 35:37] = 0, 30.0
     assert len(trusted_borders(values, labels, (light, cores))) == 0
+
+
+def test_a_shadow_says_so_and_what_light_reaches_never_does(found):
+    case, f, _ = found[KINDS.index("block")]
+    dark = ~case.frames.lit
+    inner = cv2.erode(dark.astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    assert np.mean(f.reasons[inner] == Reason.SHADOW) > 0.97
+    lit = cv2.erode((~dark).astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
+    assert np.mean(f.reasons[lit] == Reason.SHADOW) < 1e-3
 
 
 def test_pixels_beside_an_edge_say_so(found):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from fringecal.camera.plate.plate_camera import PlateCamera
+from fringecal.phase import Reason as NoPhase
 from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
 from fringecal.phase.demodulation.noise import Noise
 from fringecal.projector.height_models import height_changes
@@ -112,10 +113,11 @@ def test_reasons_say_why_a_pixel_has_no_height():
     rig = calibration()
     true, _ = surface_of(rig)
     seen = phase_map(rig, true)
-    seen.reasons[:20] = 4
+    seen.reasons[:10], seen.reasons[10:20] = NoPhase.LOW_MODULATION, NoPhase.SATURATED | NoPhase.LOW_MODULATION
     seen.phase[:20] = np.nan
     found = reconstruct_height(seen, rig, height_range_mm=(-1.0, 20.0))
-    assert (found.reasons[:20] == Reason.NO_PHASE).all()
+    assert (found.reasons[:10] == Reason.SHADOW).all()
+    assert (found.reasons[10:20] == Reason.NO_PHASE).all()
     assert (found.reasons[20:] == np.where(true[20:] > 20.0, Reason.OUT_OF_RANGE, 0)).mean() > 0.999
     assert np.isnan(found.z[found.reasons > 0]).all()
     assert np.isnan(found.u_z[found.reasons > 0]).all()

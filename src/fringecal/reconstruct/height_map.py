@@ -17,7 +17,8 @@ Map = NDArray[Any]
 class Reason(enum.IntFlag):
     """Why a pixel has no height; 0 is a valid one.
 
-    `EDGE`: beside the edge of an object or of a shadow, where a pixel may see two surfaces at once.
+    `EDGE`: beside the edge of an object or of a shadow, where a pixel may see two surfaces at once. `SHADOW`: no
+    fringes arrive, behind an object or on a surface too dark to show them; other pixels without phase have `NO_PHASE`.
     """
 
     NO_PHASE = 1
@@ -25,6 +26,7 @@ class Reason(enum.IntFlag):
     NO_RAY = 4
     OUT_OF_RANGE = 8
     EDGE = 16
+    SHADOW = 32
 
 
 @dataclass(frozen=True)

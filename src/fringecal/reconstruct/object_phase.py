@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import TURN, over_bands, wrap
 from fringecal.phase import PhaseMap, Regions, Unwrapped, pieces_in_cycles, smooth_regions
+from fringecal.phase import Reason as NoPhase
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct.height_kernels import steps_over_plate
 from fringecal.reconstruct.height_map import Reason
@@ -23,7 +24,9 @@ from fringecal.reconstruct.row_rays import rig_rows
 Array = NDArray[np.float64]
 
 _NONE, _NO_PHASE, _NO_RAY = np.uint8(0), np.uint8(Reason.NO_PHASE), np.uint8(Reason.NO_RAY)
-_UNDECIDED = np.uint8(Reason.ORDER_UNDECIDED)
+_UNDECIDED, _SHADOW = np.uint8(Reason.ORDER_UNDECIDED), np.uint8(Reason.SHADOW)
+_UNLIT = np.uint8(NoPhase.DARK | NoPhase.LOW_MODULATION | NoPhase.MISFIT)  # noise fits no sine
+_DIM = np.uint8(NoPhase.DARK | NoPhase.LOW_MODULATION)
 _SAMPLE_PX = 9  # every so many pixels say what u(phi) is typical
 
 
@@ -75,7 +78,7 @@ def absolute_phase(
     """
     wrapped = _wrapped_step(phase_map, calibration)
     valid, reasons = np.isfinite(wrapped), np.empty(wrapped.shape, np.uint8)
-    over_bands(_why_not, len(reasons), phase_map.valid, valid, reasons)
+    over_bands(_why_not, len(reasons), phase_map.reasons, valid, reasons)
     if (in_cycle := step_in_cycle(phase_map, calibration)) is not None and phase_map.orders is not None:
         step, open_pieces = _by_cycle(in_cycle, phase_map.orders.cycle, calibration, height_range_mm)
         reasons[(reasons == 0) & beside_breaks(step, phase_map.modulation)] = int(Reason.EDGE)
@@ -88,12 +91,17 @@ def absolute_phase(
 
 
 @njit(nogil=True, cache=True)
-def _why_not(first, last, has_phase, has_step, reasons):  # type: ignore[no-untyped-def]
+def _why_not(first, last, without_phase, has_step, reasons):  # type: ignore[no-untyped-def]
     """Write why pixels of some rows have no wrapped step, 0 where they have one."""
     for v in range(first, last):
         for u in range(reasons.shape[1]):
-            missing = _NO_RAY if has_phase[v, u] else _NO_PHASE
-            reasons[v, u] = _NONE if has_step[v, u] else missing
+            why = without_phase[v, u]
+            if has_step[v, u]:
+                reasons[v, u] = _NONE
+            elif why == 0:
+                reasons[v, u] = _NO_RAY
+            else:
+                reasons[v, u] = _SHADOW if why & _DIM and not why & ~_UNLIT else _NO_PHASE
 
 
 @njit(nogil=True, cache=True)

@@ -314,10 +314,9 @@ def gathered(
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
             return Evidence(regions, bounds, unsplit, plate)
-        if turn == 0:
-            regions = _cut_at_faint_edges(
-                regions, np.unique(found[wrong | edged, FIRST]).astype(np.int64), noise, rules
-            )
+        if turn == 0 and wrong.any():
+            changed = np.unique(found[wrong, FIRST]).astype(np.int64)
+            regions = _cut_at_faint_edges(regions, changed, noise, rules)
             continue
         free = found[:, WAY_IN] == FREE
         shape = regions.cores.shape
@@ -327,7 +326,7 @@ def gathered(
         changed = np.unique(found[wrong | edged, FIRST]).astype(np.int64)
         inside = np.isin(regions.cores, changed)
         own, out = cut & ~whole & inside, whole & inside
-        regions = _split(regions, own, out, changed)
+        regions = _split(regions, own, out, changed, np.unique(found[wrong, FIRST]).astype(np.int64))
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
     return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules))
 
@@ -407,7 +406,7 @@ def _cut_at_faint_edges(regions: Regions, changed: Ints, noise: NoiseLevels, rul
         edges = inside & faint_edges(regions.values, inside, rules.faint_sigmas, noise.sigma_rad)
         cores[edges], out[edges] = 0, True
         number = _numbered_parts(cores, cores == region, number, keep_largest=True)
-    return _regrown(regions, cores, out)
+    return _regrown(regions, cores, out, changed)
 
 
 def _before_gaps(found: Array, cores: Labels, lines: EpipolarLines) -> NDArray[np.bool_]:
@@ -422,7 +421,7 @@ def _closed(mask: NDArray[np.bool_], side_px: int) -> NDArray[np.bool_]:
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, kernel) > 0)
 
 
-def _split(regions: Regions, own: NDArray[np.bool_], out: NDArray[np.bool_], changed: Ints) -> Regions:
+def _split(regions: Regions, own: NDArray[np.bool_], out: NDArray[np.bool_], changed: Ints, torn: Ints) -> Regions:
     """Give every part of `own` a number of its own, and every part of what else is left of the changed regions.
 
     The largest part of what is left of a region keeps its number; `out` is taken out of the regions.
@@ -431,13 +430,14 @@ def _split(regions: Regions, own: NDArray[np.bool_], out: NDArray[np.bool_], cha
     number = _numbered_parts(cores, own, regions.number, keep_largest=False)
     for region in changed.tolist():
         number = _numbered_parts(cores, (cores == region) & ~own, number, keep_largest=True)
-    return _regrown(regions, cores, out)
+    return _regrown(regions, cores, out, torn)
 
 
-def _regrown(regions: Regions, cores: Labels, out: NDArray[np.bool_]) -> Regions:
-    """Let split regions grow again, none over what belonged to another: nothing says where the edge between them is."""
+def _regrown(regions: Regions, cores: Labels, out: NDArray[np.bool_], torn: Ints) -> Regions:
+    """Let split regions grow again; none over what belonged to one that is two surfaces, for its edge is not seen."""
     grown = regions.with_cores(cores, out)
     foreign = (grown.labels != regions.labels) & (grown.labels > 0) & (grown.labels <= regions.number)
+    foreign &= np.isin(regions.labels, torn)
     return grown.with_cores(cores, out | foreign) if foreign.any() else grown
 
 
