@@ -103,6 +103,21 @@ def test_light_in_one_frame_fails_and_is_named(rig):
     assert "light was added in frame 2" in causes_in_words(found)[0]
 
 
+def test_a_capture_of_which_hardly_a_pixel_is_left_fails_and_says_for_which_reason(rig):
+    """Fringes on a narrow band of plate alone; the rest of the picture is saturated."""
+    pictures = frames(2, hill=False)
+    pictures[:, 30:] = 255
+    found = measured(rig, pictures)
+    assert "pixels with a height" in failed(found)
+    assert "no phase" in " ".join(causes_in_words(found))
+
+
+def test_a_picture_in_shadow_but_for_a_part_that_is_measured_passes(rig):
+    pictures = frames(2)
+    pictures[:, 110:] = np.random.default_rng(3).integers(4, 8, pictures[:, 110:].shape)
+    assert "pixels with a height" not in failed(measured(rig, pictures))
+
+
 def test_without_texture_kept_the_check_says_from_which_size_on_it_would_see(rig):
     bare = RigCalibration(CAMERA, MODEL, ())
     (check,) = [one for one in measurement_checks(measured(bare, frames(2))) if one.name.startswith("picture")]

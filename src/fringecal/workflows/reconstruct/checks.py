@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fringecal.numerics import wrap
-from fringecal.reconstruct import VisiblePlate, visible_plate
+from fringecal.reconstruct import Reason, VisiblePlate, visible_plate
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
 from fringecal.workflows.reconstruct.capture_causes import (
@@ -23,10 +23,18 @@ from fringecal.workflows.reconstruct.run import Measurement, near_plate_mm
 from fringecal.workflows.shared import judged
 
 _BELOW_PERCENT = 2.0  # of the heights: a scrap of a wrong order is not the capture's fault
+_LEAST_VALID_PERCENT = 20.0  # sound captures have 50 and more; what compression and smoothing leave is mostly wrong
 _ANYTHING = (
     "the plate in view does not lie as it was calibrated: plate, camera or projector moved or bent, or frames are in "
     "another order"
 )
+_FEW = {
+    "no_phase": "frames are compressed, smoothed, saturated or do not belong together",
+    "order_undecided": "no plate is seen beside what is measured; state --lowest-mm and --highest-mm or take a second"
+    " period",
+    "no_ray": "they lie outside what the calibration covers",
+    "edge": "the surface is finely broken, or the picture blurred",
+}
 
 
 def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
@@ -35,7 +43,7 @@ def measurement_checks(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
     A plate or camera that moved shifts or tilts the plate, and so do frames in another order; a frame that moved,
     vibration and a torn frame roughen it. What covers the whole picture, or the object alone, is not seen.
     """
-    return (*_plate_checks(found, limits), *_below_plate(found), *_picture_checks(found, limits))
+    return (*_plate_checks(found, limits), *_below_plate(found), _valid_check(found), *_picture_checks(found, limits))
 
 
 def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> tuple[str, ...]:
@@ -44,7 +52,8 @@ def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
         return ()
     fatal = (f"{one.kind.text}: {one.what}" for one in found.diagnosed.findings if one.kind.fatal)
     shifted = _shifted_frame(found, limits)
-    return (*fatal, *shifted, *causes_of(found.held, limits, tied=found.tied is not None)) or (_ANYTHING,)
+    causes = (*fatal, *shifted, *_few_heights(found), *causes_of(found.held, limits, tied=found.tied is not None))
+    return causes or (_ANYTHING,)
 
 
 def tie_offered(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> str:
@@ -119,6 +128,39 @@ def _below_plate(found: Measurement) -> tuple[Check, ...]:
             rule="share of the heights more than a seventh of a fringe below the plate: whole fringes are wrong, or "
             "the plate lies higher than it was calibrated",
         ),
+    )
+
+
+def _valid_percent(found: Measurement) -> float:
+    """Share of the pixels that fringes reach, within the stated heights, that have a height, %."""
+    reasons = found.surface.reasons
+    reached = np.count_nonzero((reasons & (Reason.SHADOW | Reason.OUT_OF_RANGE)) == 0)
+    return 100 * np.count_nonzero(reasons == 0) / max(reached, 1)
+
+
+def _valid_check(found: Measurement) -> Check:
+    """Judge how many of the pixels that fringes reach have a height: of a spoilt capture the few that do are chance."""
+    share = _valid_percent(found)
+    return Check(
+        name="pixels with a height",
+        value=share,
+        limit=_LEAST_VALID_PERCENT,
+        unit="%",
+        decision="pass" if share >= _LEAST_VALID_PERCENT else "fail",
+        rule="share of the pixels that fringes reach, at least",
+    )
+
+
+def _few_heights(found: Measurement) -> tuple[str, ...]:
+    """Say for which reason few pixels have a height, if few have."""
+    share = _valid_percent(found)
+    if share >= _LEAST_VALID_PERCENT:
+        return ()
+    masked = {name: part for name, part in found.shares().items() if name not in {"valid", "shadow", "out_of_range"}}
+    reason = max(masked, key=lambda name: masked[name])
+    return (
+        f"only {share:.1f} % of the pixels that fringes reach have a height, most others have none for the reason"
+        f" '{reason.replace('_', ' ')}': {_FEW[reason]}; do not use the few that are left",
     )
 
 
