@@ -91,6 +91,24 @@ def test_a_step_block_is_found_with_every_order_right():
         np.testing.assert_allclose(absolute, phase[place], atol=1e-9)
 
 
+def test_what_the_lengths_of_a_block_have_in_common_is_one_error_of_all_of_its_treads():
+    """Treads of 5 to 50 mm by one instrument: it moves all alike, temperature each in proportion to its height."""
+    wrapped, _, _ = seen(STEP_TOPS)
+    both = {"instrument": "comparator", "instrument_u_mm": 0.003, "thermal_rel_u": 1e-4}
+    target = STEPS.model_copy(update=both)
+    observed = observe_artefact(target, wrapped, np.ones(SHAPE, bool), known_rig()).observations
+    changes = {one.influence: by for one, by in observed.errors() if one.influence is not Influence.STEP_HEIGHT}
+    heights = np.array([h.value for h in observed.height_mm])
+    assert sorted(changes[Influence.INSTRUMENT]) == [0, 1, 2, 3]
+    for surface, height in enumerate(heights):
+        np.testing.assert_allclose(changes[Influence.INSTRUMENT][surface], 0.003)
+        np.testing.assert_allclose(changes[Influence.TEMPERATURE][surface], 1e-4 * height)
+    own = [by for one, by in observed.errors() if one.influence is Influence.STEP_HEIGHT]
+    assert [list(by) for by in own] == [[0], [1], [2], [3]]
+    totals = [h.u for h in observed.height_mm]
+    np.testing.assert_allclose(totals, np.sqrt(0.005**2 + 0.003**2 + (1e-4 * heights) ** 2))
+
+
 def test_shadow_costs_pixels_and_not_the_block():
     wrapped, _, z = seen(STEP_TOPS)
     lit = np.random.default_rng(5).random(SHAPE) > 0.3

@@ -83,7 +83,8 @@ def observe_artefact(
         try:
             z = _height_map(facet, place, calibration)
             seen = _observed(facet.height, z, wrapped_rad, valid, calibration)
-            used.append(replace(seen, components=(_of_slope(facet, place, seen),)))
+            split = _with_common(seen, target)
+            used.append(replace(split, components=(_of_slope(facet, place, seen),)))
         except FitError as error:
             left_out.append(f"{facet.height.label} {facet.height.value:g} mm left out: {error}")
     return ArtefactPhase(place, _joined(used), tuple(left_out))
@@ -129,6 +130,21 @@ def observe_strips(strips: StripPhase, plate_phase_rad: Array, calibration: RigC
     heights = dict.fromkeys(o.height_mm[0] for o in used)
     grouped = [_merged([o for o in used if o.height_mm[0] == h], own) for h in heights]
     return ArtefactPhase(None, _joined(grouped), tuple(left_out))
+
+
+def _with_common(seen: Observations, target: Target) -> Observations:
+    """Split the uncertainty of a facet's height into its own and what all lengths of the artefact have in common."""
+    if not (target.instrument_u_mm or target.thermal_rel_u):
+        return seen
+    (height,), size = seen.height_mm, seen.u_px[0].size
+    common = {
+        Influence.INSTRUMENT: (target.instrument_u_mm, target.instrument or target.name),
+        Influence.TEMPERATURE: (target.thermal_rel_u * height.value, ""),
+    }
+    own = replace(UncertaintyComponent.of(height), effect=np.full(size, height.u))
+    parts = [UncertaintyComponent(i, np.full(size, u), detail=name) for i, (u, name) in common.items() if u > 0]
+    total = math.hypot(height.u, *(u for u, _ in common.values()))
+    return replace(seen, height_mm=(replace(height, u=total),), parts=((own, *parts),))
 
 
 def _split(seen: Observations, strips: StripPhase, item: int, calibration: RigCalibration) -> Observations:
