@@ -249,7 +249,9 @@ def _ill_supported_parts(
     if against.any():
         holds = b.equal & (b.first != b.second) & known[b.first] & known[b.second]
         holds[holds] = lines.rising * (orders[b.second] - orders[b.first])[holds] == b.fringes[holds]
-        support = sum(np.bincount(ends[holds], b.lines[holds], orders.size) for ends in (b.first, b.second))
+        support = np.zeros(orders.size)
+        for ends in (b.first, b.second):
+            support += np.bincount(ends[holds], b.lines[holds], orders.size)
         few = (support > 0) & (support < rules.part_share * breadths(evidence.regions.cores, lines))
         bad[two[against & few[two] & (pairs > support[two])]] = True
     return bad

@@ -134,8 +134,8 @@ def _below_plate(found: Measurement) -> tuple[Check, ...]:
 def _valid_percent(found: Measurement) -> float:
     """Share of the pixels that fringes reach, within the stated heights, that have a height, %."""
     reasons = found.surface.reasons
-    reached = np.count_nonzero((reasons & (Reason.SHADOW | Reason.OUT_OF_RANGE)) == 0)
-    return 100 * np.count_nonzero(reasons == 0) / max(reached, 1)
+    reached = (reasons & (Reason.SHADOW | Reason.OUT_OF_RANGE)) == 0
+    return 100 * float(np.mean(reasons[reached] == 0)) if reached.any() else 0.0
 
 
 def _valid_check(found: Measurement) -> Check:
