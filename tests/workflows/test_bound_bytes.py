@@ -1,6 +1,7 @@
 """A file that is replaced meanwhile enters no record: what is hashed are the very bytes that were used."""
 
 import hashlib
+import json
 import shutil
 from pathlib import Path
 
@@ -10,14 +11,14 @@ import pytest
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.errors import RecordError, SessionError
 from fringecal.guarded import bytes_of
-from fringecal.records.calibration_record import read_calibration
+from fringecal.records.calibration_record import read_calibration, write_calibration
 from fringecal.records.exports.cameramodel import lens_text
 from fringecal.records.kinds_of_record import read_record
 from fringecal.records.verification_record import CalibrationUsed
 from fringecal.session import load_session
 from fringecal.workflows.lens import known_lens
 from fringecal.workflows.rerun import run as again
-from fringecal.workflows.shared import inputs_of
+from fringecal.workflows.shared import calibration_of, inputs_of
 
 ARCHIVE = Path(__file__).parents[1] / "records" / "archive" / "0.1.0"
 ROOT = Path(__file__).parents[2]
@@ -100,3 +101,14 @@ def test_a_rerun_refuses_what_was_replaced_between_hash_and_reading(tmp_path, mo
     monkeypatch.setattr(again, "demand_inputs", then_replaced)
     with pytest.raises(RecordError, match=r"session\.toml changed while it was read"):
         again.rerun(written, folder)
+
+
+def test_an_edited_calibration_is_not_used_and_one_without_digest_is(tmp_path):
+    calibration_of(read_calibration(ARCHIVE))  # written before there were digests
+    file = write_calibration(read_calibration(ARCHIVE), tmp_path)
+    calibration_of(read_calibration(file))
+    document = json.loads(file.read_text())
+    document["rig"]["parameters"][1] *= 1.05
+    file.write_text(json.dumps(document))
+    with pytest.raises(RecordError, match="calibration was edited after it was written"):
+        calibration_of(read_calibration(file))

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, AwareDatetime, BaseModel, BeforeValidator, ConfigDict, Field, PrivateAttr
 
+from fringecal.errors import RecordError
 from fringecal.uncertainty import Estimate
 
 _ASYMMETRY = 1e-8  # of a correlation: numbers are written to nine digits at least
@@ -170,6 +171,25 @@ class Digested(Part):
         if self._file_sha256 is None:
             raise ValueError("the record was not read from a file, and has no hash")
         return self._file_sha256
+
+    def demand_unedited(self, what: str) -> None:
+        """Refuse to use a document whose content is not what was written.
+
+        Parameters
+        ----------
+        what
+            What it is, in a message.
+
+        Raises
+        ------
+        RecordError
+            It carries a digest, and that is not the content's.
+        """
+        if self.digest_state == "differs":
+            raise RecordError(
+                f"the {what} was edited after it was written: the digest that it carries is not that of its content; "
+                "use it as it was written, or make it again"
+            )
 
     def mark_read_from(self, sha256: str) -> None:
         """Note the hash of the bytes that the document was read from."""

@@ -46,8 +46,11 @@ def certificate_of(
     ------
     RecordError
         Something that a report needs is not stated, all of it named; or the verification belongs to another
-        calibration or rig.
+        calibration or rig; or one of both was edited after it was written.
     """
+    record.demand_unedited("calibration")
+    if verification is not None:
+        verification.demand_unedited("verification")
     missing = missing_in(lab, temperature_stated=record.session.temperature_degC is not None)
     if missing and not draft:
         needed = "\n  ".join(missing)

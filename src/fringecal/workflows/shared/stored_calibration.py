@@ -16,8 +16,9 @@ def calibration_of(written: record.CalibrationRecord) -> RigCalibration:
     Raises
     ------
     RecordError
-        The record holds another kind of camera or rig than this version knows.
+        The record holds another kind of camera or rig than this version knows, or was edited after it was written.
     """
+    written.demand_unedited("calibration")
     if written.camera.names != CAMERA_NAMES or written.rig.parameter_names != RIG_NAMES:
         raise RecordError(
             "the record's camera or rig parameters are not those that this version knows; use the version "
