@@ -65,6 +65,8 @@ class DecisionRules:
         plate's phase somewhere has some as well.
     plate_share
         Share of a region's pixels that must lie on it for the region to be plate.
+    grown_share
+        The same among all of its pixels, also beside edges, for it to look like plate.
     edge_lines
         Neighbouring lines that must show an inner edge: a line along a fold may see one by noise.
     surface_share
@@ -94,6 +96,7 @@ class DecisionRules:
     plate_pixels: int = 50
     main_share: float = 0.02
     plate_share: float = 0.8
+    grown_share: float = 0.4
     surface_share: float = 0.3
     part_share: float = 0.7
     faint_sigmas: float = 6.0
@@ -138,9 +141,10 @@ class PlateVotes:
     sizes: Ints
 
     @classmethod
-    def of(cls, regions: Regions, rules: DecisionRules) -> "PlateVotes":
-        """Count them."""
-        return cls(*plate_votes(regions.values, regions.cores, regions.number, TURN, rules.plate_pixels))
+    def of(cls, regions: Regions, rules: DecisionRules, *, grown: bool = False) -> "PlateVotes":
+        """Count them among the smooth pixels of the regions, or among all of the grown ones."""
+        numbers = regions.labels if grown else regions.cores
+        return cls(*plate_votes(regions.values, numbers, regions.number, TURN, rules.plate_pixels))
 
 
 @dataclass(frozen=True)
@@ -259,10 +263,12 @@ def _ill_supported_parts(
 
 def _plate_or_not(book: OrderBook, evidence: Evidence, rising: int, rules: DecisionRules) -> NDArray[np.bool_]:
     """Regions that look like plate and that bounds put elsewhere: paint as wide as a fringe, or tops as high as one."""
-    levels, counts, sizes = evidence.plate.levels, evidence.plate.counts, evidence.plate.sizes
-    alike = counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)
-    orders = book.orders()
-    return np.asarray(alike & np.isfinite(orders) & (orders != -rising * levels))
+    orders, found = book.orders(), np.zeros(evidence.regions.number + 1, np.bool_)
+    grown = PlateVotes.of(evidence.regions, rules, grown=True)
+    for plate, share in ((evidence.plate, rules.plate_share), (grown, rules.grown_share)):
+        alike = plate.counts >= np.maximum(rules.plate_pixels, share * plate.sizes)
+        found |= alike & np.isfinite(orders) & (orders != -rising * plate.levels)
+    return found
 
 
 def _start_at_plate(
