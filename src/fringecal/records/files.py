@@ -1,6 +1,7 @@
 """Writing so that a reader never meets half a file: to a sibling first, then renamed into place."""
 
 import contextlib
+import csv
 import hashlib
 import os
 import shutil
@@ -74,7 +75,11 @@ def write_bytes(path: str | Path, content: bytes) -> Path:
 
 def write_table(path: str | Path, frame: "pd.DataFrame") -> Path:
     """Write a flat table as CSV with every digit; missing values are empty fields."""
-    return write_text(path, frame.to_csv(index=False, lineterminator="\n"))
+    # Python 3.12 leaves a lone carriage return without quotation marks, and readers end the row there.
+    texts = frame.select_dtypes(exclude="number")
+    returns = any("\r" in cell for column in texts for cell in texts[column] if isinstance(cell, str))
+    quoting = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
+    return write_text(path, frame.to_csv(index=False, lineterminator="\n", quoting=quoting))
 
 
 @contextlib.contextmanager
