@@ -78,8 +78,9 @@ def write_table(path: str | Path, frame: "pd.DataFrame") -> Path:
     # Python 3.12 leaves a lone carriage return without quotation marks, and readers end the row there.
     texts = frame.select_dtypes(exclude="number")
     returns = any("\r" in cell for column in texts for cell in texts[column] if isinstance(cell, str))
-    quoting = csv.QUOTE_NONNUMERIC if returns else csv.QUOTE_MINIMAL
-    return write_text(path, frame.to_csv(index=False, lineterminator="\n", quoting=quoting))
+    if returns:
+        return write_text(path, frame.to_csv(index=False, lineterminator="\n", quoting=csv.QUOTE_NONNUMERIC))
+    return write_text(path, frame.to_csv(index=False, lineterminator="\n"))
 
 
 @contextlib.contextmanager
