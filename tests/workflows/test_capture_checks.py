@@ -112,6 +112,19 @@ def test_a_capture_of_which_hardly_a_pixel_is_left_fails_and_says_for_which_reas
     assert "no phase" in " ".join(causes_in_words(found))
 
 
+def test_a_recess_fails_unless_its_depth_is_stated(rig):
+    """A hollow as deep as the hill was high: two millimetres below the plate and more over a tenth of the picture."""
+    v, u = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    z = -HILL_MM * np.cos(np.minimum(np.hypot(u - 200, v - 130) / 90, 1) * np.pi / 2) ** 2
+    wave = 100 * (1 + 0.5 * np.cos(MODEL.phase(*CAMERA.rays(u, v).at(z), z) + SHIFTS[:, None, None]))
+    noise = np.random.default_rng(6).standard_normal(wave.shape)
+    pictures = np.clip(np.rint(wave + noise), 0, 255).astype(np.uint8)
+    assert "surface below the plate" in failed(measured(rig, pictures))
+    stated = measured(rig, pictures, height_range_mm=(-6.0, 6.0))
+    assert "surface below the plate" not in failed(stated)
+    assert float(stated.surface.z[127:134, 197:204].mean()) == pytest.approx(-HILL_MM, abs=0.05)
+
+
 def test_a_picture_in_shadow_but_for_a_part_that_is_measured_passes(rig):
     pictures = frames(2)
     pictures[:, 110:] = np.random.default_rng(3).integers(4, 8, pictures[:, 110:].shape)

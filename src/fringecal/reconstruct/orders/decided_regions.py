@@ -96,7 +96,7 @@ class DecisionRules:
     plate_pixels: int = 50
     main_share: float = 0.02
     plate_share: float = 0.8
-    grown_share: float = 0.4
+    grown_share: float = 0.6
     surface_share: float = 0.3
     part_share: float = 0.7
     faint_sigmas: float = 6.0

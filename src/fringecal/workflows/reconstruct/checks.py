@@ -23,7 +23,8 @@ from fringecal.workflows.reconstruct.run import Measurement, near_plate_mm
 from fringecal.workflows.shared import judged
 
 _BELOW_PERCENT = 2.0  # of the heights: a scrap of a wrong order is not the capture's fault
-_LEAST_VALID_PERCENT = 20.0  # sound captures have 50 and more; what compression and smoothing leave is mostly wrong
+# Overexposed by 2.2, a capture has 20 % left and these right; compressed or displaced until 2 % are left, wrong ones.
+_LEAST_VALID_PERCENT = 20.0
 _ANYTHING = (
     "the plate in view does not lie as it was calibrated: plate, camera or projector moved or bent, or frames are in "
     "another order"
@@ -113,8 +114,9 @@ def _tied_checks(plate: VisiblePlate, limits: Limits) -> tuple[Check, ...]:
 
 
 def _below_plate(found: Measurement) -> tuple[Check, ...]:
-    """Judge how much of the surface lies below the plate, where nothing can lie."""
-    if found.treatment.minus_plate or found.tied is not None:
+    """Judge how much of the surface lies below the plate, where nothing can lie unless lower heights are stated."""
+    lower = found.height_range_mm is not None and -np.inf < found.height_range_mm[0] < 0
+    if found.treatment.minus_plate or found.tied is not None or lower:
         return ()
     z = found.surface.z[found.surface.mask]
     share = 100 * float(np.mean(z < -near_plate_mm(found.calibration))) if z.size else 0.0

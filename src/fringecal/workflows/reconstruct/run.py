@@ -45,6 +45,7 @@ class Measurement:
     """An object's surface, the phase it was computed from, the calibration that was applied, and how both agree.
 
     `tied` is the plate in view whose plane was taken off the heights; None where they are as measured.
+    `height_range_mm` are the heights that were stated.
     """
 
     capture: Capture
@@ -56,6 +57,7 @@ class Measurement:
     held: CaptureHeld
     treatment: Treatment = UNTREATED
     tied: VisiblePlate | None = None
+    height_range_mm: tuple[float, float] | None = None
 
     def shares(self) -> dict[str, float]:
         """Return the share of valid pixels and of every reason for which others were masked."""
@@ -122,7 +124,7 @@ def reconstruct(
     tied = _plate_of(capture.name, surface, calibration) if tie_to_plate else None
     surface = surface if tied is None else tied_to_plate(surface, tied, calibration)
     diagnosed = diagnose_capture(phase, calibration, plate=plate_beside(session, capture))
-    return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment, tied)
+    return Measurement(capture, phase, diagnosed, surface, calibration, model, held, treatment, tied, height_range_mm)
 
 
 def _plate_surface(
