@@ -2,13 +2,15 @@
 
     python benchmarks/fuzz_readers.py [cases] [first seed]
 
-Each case is drawn from its seed: a format (session, target, rig, limits, laboratory, record, camera model, table) whose
-good file is damaged in bytes, in numbers or in structure, or a command line of real verbs and options with values that
-make no sense. A case is wrong where the command ends in a traceback, with another exit code than 0, 1, 2 or 3, by a
-signal, after more than SLOWEST_S, or without naming the file. Blocks of cases run in processes of their own, so that a
-crash of the interpreter costs one block and is counted. It prints counts by kind and every wrong case with its seed.
+Each case is drawn from its seed: a format (session, target, rig, limits, laboratory, record, camera model, its solve,
+table) whose good file is damaged in bytes, in numbers or in structure, or a command line of real verbs and options
+with values that make no sense. A case is wrong where the command ends in a traceback, with another exit code than 0,
+1, 2 or 3, by a signal, after more than SLOWEST_S, or without naming the file. Blocks of cases run in processes of their
+own, so that a crash of the interpreter costs one block and is counted. It prints counts by kind and every wrong case
+with its seed.
 """
 
+import base64
 import contextlib
 import importlib
 import io
@@ -108,6 +110,67 @@ distortion_coefficients: !!opencv-matrix
    dt: d
    data: [ -0.1, 0.02, 0.001, -0.002, 0.01 ]
 """
+
+
+def solved_model() -> tuple[str, dict[str, object]] | None:
+    """Return a camera model that keeps its solve, as mrcal writes it, and that solve; None where mrcal is missing."""
+    try:
+        import mrcal
+    except ImportError:
+        return None
+    rng = np.random.default_rng(0)
+    board = np.full((4, 5, 6, 3), 1.0)
+    board[..., :2] = rng.uniform(50, 400, (4, 5, 6, 2))
+    numbers = np.arange(4, dtype=np.int32)
+    inputs = {
+        "lensmodel": "LENSMODEL_OPENCV5",
+        "intrinsics": np.array([[800.0, 801, 321, 238, -0.1, 0.02, 0.001, -0.002, 0.01]]),
+        "imagersizes": np.array([[640, 480]], dtype=np.int32),
+        "rt_cam_ref": np.zeros((0, 6)),
+        "rt_ref_frame": rng.uniform(-0.3, 0.3, (4, 6)) + [0, 0, 0, 0, 0, 1],
+        "points": None,
+        "observations_board": board,
+        "indices_frame_camintrinsics_camextrinsics": np.stack([numbers, 0 * numbers, 0 * numbers - 1], axis=1),
+        "observations_point": None,
+        "indices_point_camintrinsics_camextrinsics": None,
+        "calibration_object_spacing": 0.02,
+        "calobject_warp": np.zeros(2),
+        **dict.fromkeys(("do_optimize_intrinsics_core", "do_optimize_intrinsics_distortions"), True),
+        **dict.fromkeys(("do_optimize_extrinsics", "do_apply_outlier_rejection", "do_apply_regularization"), False),
+        **dict.fromkeys(("do_optimize_frames", "do_optimize_calobject_warp"), True),
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        mrcal.cameramodel(optimization_inputs=dict(inputs), icam_intrinsics=0).write(f"{folder}/l.cameramodel")
+        return Path(f"{folder}/l.cameramodel").read_text(encoding="utf-8"), inputs
+
+
+def damaged_solve(text: str, inputs: dict[str, object], rng: random.Random) -> bytes:
+    """Damage the arrays of a camera model's solve: away, of another shape or kind, or with senseless numbers."""
+    changed = dict(inputs)
+    for name in rng.sample(sorted(changed), rng.choice((1, 1, 2, 4))):
+        value = np.asarray("" if changed[name] is None else changed[name])
+        match rng.randrange(5):
+            case 0:
+                del changed[name]
+                continue
+            case 1 if value.ndim:
+                value = value[rng.randint(0, len(value)) :]
+            case 2 if value.size > 1 and value.dtype.kind in "if":
+                value = value.copy()
+                value.flat[rng.randrange(value.size)] = rng.choice((-1, 10**9, -(10**9), 7))
+            case 3 if value.dtype.kind in "ifb":
+                value = value.astype(rng.choice(("<f4", "<i8", "<U5", "|b1")))
+            case _:
+                value = np.full(
+                    rng.choice(((), (0,), (3,), (2, 6), (1, 2, 3, 3))), rng.choice((1.5, np.nan, np.inf, -1))
+                )
+        changed[name] = value
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **{name: "" if value is None else value for name, value in changed.items()})
+    encoded = base64.b85encode(packed.getvalue()).decode()
+    return re.sub(r"b'[^']*'", lambda _: f"b'{encoded}'", text).encode()
+
+
 LIMITS = "format = 1\nlevel = 0.9\n[commission]\nangle_u_deg = 0.4\n[audit]\nscale_percent = 0.2\n"
 TABLE = "rig,captured,quantity,value,u,unit\nbench,2026-11-22T10:00:00Z,scale,0.7340,0.0004,mm/px\n" * 1 + "".join(
     f"bench,2026-11-{day}T10:00:00Z,scale,0.734{day},0.0004,mm/px\n" for day in range(10, 20)
@@ -227,6 +290,7 @@ class Bench:
         self.record = (ARCHIVE / "calibration.json").read_text(encoding="utf-8")
         self.targets = [file.read_bytes() for file in sorted((ROOT / "targets").glob("*.toml"))]
         self.rigs = [file.read_bytes() for file in sorted(RIGS.glob("*.toml"))]
+        self.solve = solved_model()
         self._restore()
         self.kinds: dict[str, Callable[[random.Random], None]] = {
             "session": self._session,
@@ -239,6 +303,7 @@ class Bench:
             "record": self._record,
             "record again": self._again,
             "camera model": self._lens,
+            "camera model's solve": self._solve,
             "table": self._table,
             "command line": self._line,
         }
@@ -322,6 +387,15 @@ class Bench:
 
         content, name = rng.choice(((LENS, "l.cameramodel"), (YAML, "l.yml")))
         reader(read_lens, self._written(name, damaged(content.encode(), rng)), name)
+
+    def _solve(self, rng: random.Random) -> None:
+        from fringecal.records import read_lens
+
+        if self.solve is None:
+            raise Refused
+        text, inputs = self.solve
+        content = damaged_solve(text, inputs, rng) if rng.random() < 0.7 else damaged(text.encode(), rng)
+        reader(read_lens, self._written("s.cameramodel", content), "s.cameramodel")
 
     def _table(self, rng: random.Random) -> None:
         file = self._written("t.csv", damaged(TABLE.encode(), rng))

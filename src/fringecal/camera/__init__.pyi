@@ -61,6 +61,9 @@ from .lens.lens_solve import (
 from .lens.lens_solve import (
     ViewFit as ViewFit,
 )
+from .lens.mrcal_wall import (
+    solve_covariance as solve_covariance,
+)
 from .lens.rich_lens import (
     RATIONAL as RATIONAL,
 )

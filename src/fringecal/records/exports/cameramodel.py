@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from fringecal.camera import LENS_NAMES, RATIONAL, Lens, PlateCamera, RichLens, brown_over_picture
+from fringecal.camera import LENS_NAMES, RATIONAL, Lens, PlateCamera, RichLens, brown_over_picture, solve_covariance
 from fringecal.errors import FitError, RecordError
 from fringecal.guarded import MOST_LENS, Refusal, bytes_of, shortened, text_of
 from fringecal.records.exports.cameramodel_text import entries_of
+from fringecal.records.exports.solve_inputs import solve_inputs
 from fringecal.records.files import write_text
 from fringecal.records.parts import is_covariance
 
@@ -158,10 +159,37 @@ def _from_entries(entries: dict[str, Any]) -> Lens:
     _demand_size(width, height)
     if splined:
         _demand_knots(model, values.size if values.ndim == 1 else -1)
-        return _followed(RichLens(model, values, np.zeros((values.size,) * 2), width, height))
-    if values.shape != (4 + _MODELS[model],):
+    elif values.shape != (4 + _MODELS[model],):
         raise RecordError(f"{model} has {4 + _MODELS[model]} intrinsics, found {values.size}; export the camera anew")
-    return _lens(values[:4], values[4:], (width, height), entries.get(_OURS))
+    solved = None if _OURS in entries else _solved_covariance(entries, model, values)
+    if splined:
+        return _followed(_rich(model, values, solved, (width, height)), known=solved is not None)
+    stated = entries.get(_OURS)
+    if solved is not None and model != RATIONAL:
+        stated = np.pad(solved, (0, _SIZE - len(solved)))
+    return _lens(values[:4], values[4:], (width, height), stated, solved)
+
+
+def _solved_covariance(entries: dict[str, Any], model: str, values: Array) -> Array | None:
+    """Covariance that a model's solve gives its intrinsics; None for a model that keeps no solve."""
+    kept = entries.get("optimization_inputs")
+    if kept is None:
+        return None
+    camera = entries.get("icam_intrinsics", entries.get("icam_intrinsics_optimization_inputs"))
+    if not isinstance(kept, str) or isinstance(camera, bool) or not isinstance(camera, int):
+        raise RecordError("optimization_inputs is no text, or icam_intrinsics no whole number; export the model anew")
+    try:
+        return solve_covariance(solve_inputs(kept), camera, model, values)
+    except FitError as error:
+        raise RecordError(
+            f"{error}. Without it its uncertainty is not known; to count the lens as exact, take the entry "
+            "optimization_inputs out of the file"
+        ) from error
+
+
+def _rich(model: str, values: Array, covariance: Array | None, size: tuple[int, int]) -> RichLens:
+    """Return a richer lens as its file states it."""
+    return RichLens(model, values, np.zeros((values.size,) * 2) if covariance is None else covariance, *size)
 
 
 def _from_yaml(text: str) -> Lens:
@@ -192,8 +220,10 @@ def _matrix(text: str, name: str) -> Array | None:
         raise RecordError(f"{name}: not as many numbers as rows and columns say; export it anew") from error
 
 
-def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any) -> Lens:
-    """Build the lens and refuse what cannot be one."""
+def _lens(
+    core: Array, distortion: Array, size: tuple[int, int], covariance: Any, rational: Array | None = None
+) -> Lens:
+    """Build the lens and refuse what cannot be one; `rational` is the covariance of all terms of a rational one."""
     if np.any(distortion[5:]):
         if len(distortion) != _MODELS[RATIONAL]:
             raise RecordError(
@@ -201,7 +231,7 @@ def _lens(core: Array, distortion: Array, size: tuple[int, int], covariance: Any
                 "with k1, k2, p1, p2, k3 alone"
             )
         values = np.concatenate([core, distortion])
-        return _followed(RichLens(RATIONAL, values, np.zeros((values.size,) * 2), *size))
+        return _followed(_rich(RATIONAL, values, rational, size), known=rational is not None)
     values = np.concatenate([core, distortion[:5], np.zeros(max(0, len(LENS_NAMES) - 4 - len(distortion)))])
     if not (np.isfinite(values).all() and min(values[:2]) > 0 and min(size) > 0):
         raise RecordError("a focal length or size is not positive, or a number is not finite; export the camera anew")
@@ -247,7 +277,7 @@ def _demand_knots(model: str, count: int) -> None:
         )
 
 
-def _followed(rich: RichLens) -> Lens:
+def _followed(rich: RichLens, *, known: bool) -> Lens:
     """Brown's lens in place of a richer one, if it follows that over the whole picture."""
     try:
         if not (np.isfinite(rich.values).all() and min(rich.values[:2]) > 0):
@@ -261,7 +291,7 @@ def _followed(rich: RichLens) -> Lens:
             f"Brown's lens, which the rig's camera has, follows its {rich.model.removeprefix('LENSMODEL_')} lens to "
             f"{left:.2g} px rms only, {MAX_LEFT_PX} are allowed; calibrate with k1, k2, p1, p2, k3 alone"
         )
-    return replace(found.lens, covariance_known=False)
+    return replace(found.lens, covariance_known=known)
 
 
 def _lens_values(camera: PlateCamera) -> Array:
