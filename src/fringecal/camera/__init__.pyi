@@ -52,6 +52,12 @@ from .lens.lens_fit import (
 from .lens.lens_fit import (
     fit_lens as fit_lens,
 )
+from .lens.lens_gradient import (
+    SeenPoints as SeenPoints,
+)
+from .lens.lens_gradient import (
+    lens_gradient as lens_gradient,
+)
 from .lens.lens_solve import (
     BoardView as BoardView,
 )

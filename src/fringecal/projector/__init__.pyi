@@ -73,6 +73,36 @@ from .angle.projection_angle import (
 from .angle.projection_angle import (
     projection_angle as projection_angle,
 )
+from .board_rig.board_fit import (
+    BoardRigFit as BoardRigFit,
+)
+from .board_rig.board_fit import (
+    PoseFit as PoseFit,
+)
+from .board_rig.board_fit import (
+    fit_board_rig as fit_board_rig,
+)
+from .board_rig.board_poses import (
+    BoardPose as BoardPose,
+)
+from .board_rig.board_poses import (
+    BoardStatement as BoardStatement,
+)
+from .board_rig.rig_value import (
+    BOARD_RIG_NAMES as BOARD_RIG_NAMES,
+)
+from .board_rig.rig_value import (
+    BoardRig as BoardRig,
+)
+from .board_rig.triangulation import (
+    RigPoints as RigPoints,
+)
+from .board_rig.triangulation import (
+    outside_volume as outside_volume,
+)
+from .board_rig.triangulation import (
+    rig_points as rig_points,
+)
 from .forecast import (
     forecast_height as forecast_height,
 )
