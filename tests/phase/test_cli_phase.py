@@ -285,3 +285,26 @@ def test_counts_or_an_extent_say_how_many_fringes_are_projected(fringed, tmp_pat
         "orders"
     ]
     assert orders["known_by"] == "numbers"
+
+
+def test_a_session_with_axes_writes_the_projectors_pixels(tmp_path):
+    columns = np.linspace(10, 118, 160)[None, :] * np.ones((60, 1))
+    rng, names = np.random.default_rng(5), []
+    for count in (1, 8):
+        for k, step in enumerate((0.0, 120.0, 240.0)):
+            frame = 120 + 80 * np.cos(2 * np.pi * count * columns / 128 + np.deg2rad(step))
+            names.append(f"{count}-{k}.png")
+            cv2.imwrite(str(tmp_path / names[-1]), np.rint(frame + rng.normal(0, 1, frame.shape)).astype(np.uint8))
+    (tmp_path / "session.toml").write_text(
+        "format = 1\nrig = 'dlp'\ncaptured = 2026-11-22T10:00:00Z\n[projector]\nresolution_px = [128, 96]\n"
+        "[phase]\nsteps_deg = [0.0, 120.0, 240.0]\n[[capture]]\nname = 'wall'\nkind = 'object'\naxes = ['u']\n"
+        f"fringes = [1, 8]\nimages = {names}\n"
+    )
+    document = json.loads(run(tmp_path, "--out", tmp_path / "maps", "--json").stdout)
+    (found,) = document["projector"]
+    assert (found["name"], found["axis"], found["outside"]) == ("wall-u", "u", 0.0)
+    with np.load(tmp_path / "maps" / "wall-u-projector.npz") as written:
+        error = (written["projector_px"] - columns) / written["u_px"]
+    # Each is right within its own uncertainty: 1 grey level on a modulation of 80, three steps, 16 px a fringe.
+    assert np.nanstd(error) == pytest.approx(1, abs=0.06)
+    assert np.nanmax(np.abs(error)) < 6

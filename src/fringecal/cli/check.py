@@ -74,7 +74,7 @@ def _table(session: Session) -> Table:
             escape(capture.name),
             capture.kind,
             escape(capture.target.name) if capture.target else "-",
-            str(len(capture.paths) + len(capture.gray_paths)),
+            str(len(capture.files)),
             f"{width} x {height}",
             str(capture.bits),
             str(capture.white_level),

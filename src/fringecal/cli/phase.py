@@ -16,6 +16,7 @@ from fringecal.cli.shared.phase_orders import (
     counted_orders,
     named,
     orders_document,
+    raster_document,
     save_orders,
     shortest_set,
     show_orders,
@@ -87,22 +88,25 @@ def phase(
     """Load, demodulate, save, print."""
     documents: list[dict[str, Any]] = []
     orders: list[dict[str, Any]] = []
+    rasters: list[dict[str, Any]] = []
     for group in _groups(source, steps, _periods(periods, counts, extent), (channel, bits), capture):
         summaries = summarised(group)
         diagnoses = [_diagnosed(group, one, mm_per_rad) if diagnostics else None for one in group.sets]
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             if diagnosis is None or not diagnosis[1]:
                 named(one, demand_phase, summary, one.frames, one.phase_shifts_rad)
-        counted = counted_orders(group, summaries) if group.absolute and not diagnostics else None
+        if group.axis is not None and not diagnostics:
+            rasters.append(raster_document(group, summaries, out))
+        counted = counted_orders(group, summaries) if group.counts_by_itself and not diagnostics else None
         for one, summary, diagnosis in zip(group.sets, summaries, diagnoses, strict=True):
             documents.append(_written(one, summary, diagnosis, out))
         if counted is not None:
             orders.append(orders_document(group, *counted, save_orders(group.name, *counted, out) if out else []))
     if as_json:
-        print_json({"format": "fringecal-phase/1", "captures": documents, "orders": orders})
+        print_json({"format": "fringecal-phase/1", "captures": documents, "orders": orders, "projector": rasters})
     else:
         _show(documents)
-        for one_order in orders:
+        for one_order in (*orders, *rasters):
             show_orders(one_order)
     if any(document.get("findings") for document in documents):
         raise typer.Exit(EXIT_OUT_OF_TOLERANCE)

@@ -151,6 +151,15 @@ from .orders.multi_period import (
 from .orders.multi_period import (
     plate_number as plate_number,
 )
+from .orders.raster_coordinate import (
+    RasterCoordinate as RasterCoordinate,
+)
+from .orders.raster_coordinate import (
+    raster_by_gray as raster_by_gray,
+)
+from .orders.raster_coordinate import (
+    raster_coordinate as raster_coordinate,
+)
 from .orders.temporal import (
     beat_period as beat_period,
 )

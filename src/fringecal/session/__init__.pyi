@@ -46,6 +46,9 @@ from .faults import (
 from .faults import (
     joined as joined,
 )
+from .fringe_axes import (
+    FringeAxis as FringeAxis,
+)
 from .in_memory import (
     capture_of_arrays as capture_of_arrays,
 )

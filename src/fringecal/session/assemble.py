@@ -7,10 +7,9 @@ from pathlib import Path
 from fringecal.session.captures import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
+from fringecal.session.fringe_axes import along, axes_of
 from fringecal.session.model_file import ModelFile
 from fringecal.session.parse import Parsed
-
-_ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
 
 _ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
 
@@ -40,7 +39,8 @@ def _projector(table: ProjectorTable | None) -> ProjectorKnown | None:
     if table is None:
         return None
     mirror = None if table.mirror is None else MirrorKnown(table.mirror.point_mm, table.mirror.normal)
-    return ProjectorKnown(table.position_mm, mirror)
+    resolution = None if table.resolution_px is None else (table.resolution_px[0], table.resolution_px[1])
+    return ProjectorKnown(table.position_mm, mirror, resolution)
 
 
 def _camera(document: SessionDocument, model: ModelFile | None) -> CameraKnown:
@@ -58,6 +58,8 @@ def use_of(table: CaptureTable) -> str:
 def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Capture:
     table, first = draft.table, draft.frames[0]
     room = document.temperature_degC, document.temperature_u_degC or _ROOM_U_DEGC
+    resolution = None if document.projector is None else document.projector.resolution_px
+    axes = axes_of(table, resolution, draft.gray_counts)
     return Capture(
         name=table.name,
         kind=table.kind,
@@ -69,9 +71,14 @@ def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Captu
         bits=first.bits,
         white_level=white_level,
         repeat=table.repeat,
-        periods=tuple(table.periods or ()),
+        periods=axes[0].periods_px if axes else tuple(along(table.periods, "u")),
         gray_paths=draft.gray_files,
         gray_sha256=_hashes(draft, draft.gray_files),
+        axes=axes,
+        white_paths=draft.white_files,
+        white_sha256=_hashes(draft, draft.white_files),
+        black_paths=draft.black_files,
+        black_sha256=_hashes(draft, draft.black_files),
         channel=table.channel or document.camera.channel,
         use=use_of(table),
     )
@@ -91,7 +98,7 @@ def _inputs(
         if draft.target_sha256:  # a shipped target is known by its name and is no file here
             yield str(draft.table.target), draft.target_sha256
     for draft in drafts:
-        for path in (*draft.files, *draft.gray_files):
+        for path in draft.every_file:
             yield path.relative_to(folder).as_posix(), draft.facts[path].sha256
 
 

@@ -1,15 +1,17 @@
 """A session that has passed its check: captures, what is known of the rig, and the hash of every input."""
 
 import hashlib
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from fringecal.errors import SessionError
 from fringecal.session.faults import PictureError, hint, joined
+from fringecal.session.fringe_axes import FringeAxis
 from fringecal.session.pictures.picture import decode, to_grey
 from fringecal.session.pictures.size_limits import regular_bytes
 from fringecal.targets import Quantity, Target
@@ -47,13 +49,21 @@ class MirrorKnown:
 
 @dataclass(frozen=True)
 class ProjectorKnown:
-    """Nominal position x, y, z of the projector's pupil in the plate frame, mm, with uncertainties.
+    """What is known of the projector beforehand.
 
-    With a `mirror` the position is that of the projector itself, not of its image.
+    Parameters
+    ----------
+    position_mm
+        Nominal position x, y, z of its pupil in the plate frame, mm, with uncertainties, or None.
+    mirror
+        A mirror that it is seen in: the position is then that of the projector itself, not of its image.
+    resolution_px
+        Columns and rows of its raster, or None.
     """
 
-    position_mm: Quantity
+    position_mm: Quantity | None = None
     mirror: MirrorKnown | None = None
+    resolution_px: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -80,6 +90,11 @@ class Capture:
         Rule by which colour becomes grey, or None.
     use
         "calibration" for what the rig is fitted to, "verification" for what must stay independent of that fit.
+    axes
+        Axes of the projector that the fringes vary along, in the order of the files; empty where none are stated.
+        `periods` are then those of the first, in px of the projector.
+    white_paths, white_sha256, black_paths, black_sha256
+        Pictures lit evenly, and not at all, by the projector.
     pixels, gray_pixels
         The frames themselves, (N, H, W), where they are given as arrays (`capture_of_arrays`): `paths` then only names
         them, and no file is read.
@@ -100,6 +115,11 @@ class Capture:
     gray_sha256: tuple[str, ...] = ()
     channel: str | None = None
     use: str = "verification"
+    axes: tuple[FringeAxis, ...] = ()
+    white_paths: tuple[Path, ...] = ()
+    white_sha256: tuple[str, ...] = ()
+    black_paths: tuple[Path, ...] = ()
+    black_sha256: tuple[str, ...] = ()
     pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
     gray_pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
 
@@ -114,14 +134,65 @@ class Capture:
         return self._frames
 
     def read_set(self, *, repeat: int = 0, period: int = 0) -> np.ndarray:
-        """Read the frames of one repeat and one fringe period, (n_steps, H, W)."""
-        n_sets = self.repeat * max(1, len(self.periods))
-        sets = self.read().reshape(n_sets, -1, *self.shape)
-        return sets[repeat * max(1, len(self.periods)) + period]
+        """Read the frames of one repeat and one fringe period (of the first axis, where there are two)."""
+        sets = self.read().reshape(self.repeat * self.n_sets, -1, *self.shape)
+        return sets[repeat * self.n_sets + period]
+
+    @property
+    def n_sets(self) -> int:
+        """Phase-shifted sets of one repeat: a set for each period of each axis."""
+        return sum(len(axis.periods_px) for axis in self.axes) if self.axes else max(1, len(self.periods))
+
+    @property
+    def files(self) -> tuple[tuple[Path, str], ...]:
+        """Every picture file of the capture with its hash."""
+        paths = (*self.paths, *self.gray_paths, *self.white_paths, *self.black_paths)
+        hashes = (*self.sha256, *self.gray_sha256, *self.white_sha256, *self.black_sha256)
+        return tuple(zip(paths, hashes, strict=True))
 
     def read_gray(self) -> np.ndarray:
-        """Read the Gray-code frames, (N, H, W), the coarsest bit first."""
-        return self._gray_frames
+        """Read the Gray-code frames, (N, H, W), the coarsest bit first (of the first axis, where there are two)."""
+        return self._gray_frames[: self.axes[0].gray] if self.axes else self._gray_frames
+
+    def along(self, name: str) -> "Capture":
+        """Return the capture as one whose fringes vary along one of its axes only; it shares the frames.
+
+        Raises
+        ------
+        SessionError
+            The capture has no such axis.
+        """
+        names = [axis.name for axis in self.axes]
+        if name not in names:
+            raise SessionError([f"capture {self.name!r}: no fringes vary along {name}, only along {joined(names)}"])
+        k = names.index(name)
+        frames, gray = self._frames_of_axis(k), self._gray_of_axis(k)
+        return replace(
+            self,
+            axes=(self.axes[k],),
+            periods=self.axes[k].periods_px,
+            paths=tuple(self.paths[i] for i in frames),
+            sha256=tuple(self.sha256[i] for i in frames),
+            gray_paths=self.gray_paths[gray],
+            gray_sha256=self.gray_sha256[gray],
+            pixels=None if self.pixels is None else self.pixels[frames],
+            gray_pixels=None if self.gray_pixels is None else self.gray_pixels[gray],
+        )
+
+    def read_light(self, which: Literal["white", "black"]) -> np.ndarray | None:
+        """Return the mean of the pictures lit evenly, or not at all, float64, (H, W); None where there are none."""
+        paths, hashes = getattr(self, f"{which}_paths"), getattr(self, f"{which}_sha256")
+        return self._stack(paths, hashes).mean(axis=0) if paths else None
+
+    def _frames_of_axis(self, k: int) -> list[int]:
+        """Return which of the frames belong to an axis."""
+        number = np.arange(len(self.paths)).reshape(self.repeat, self.n_sets, -1)
+        first = sum(len(axis.periods_px) for axis in self.axes[:k])
+        return number[:, first : first + len(self.axes[k].periods_px)].ravel().tolist()
+
+    def _gray_of_axis(self, k: int) -> slice:
+        first = sum(axis.gray for axis in self.axes[:k])
+        return slice(first, first + self.axes[k].gray)
 
     @cached_property
     def _frames(self) -> np.ndarray:

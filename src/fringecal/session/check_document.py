@@ -8,6 +8,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from fringecal.session.captures import Capture
 from fringecal.session.checking import SessionCheck
+from fringecal.session.fringe_axes import FringeAxis
 
 SCHEMA_FILE = "check.schema.json"
 
@@ -21,6 +22,15 @@ class ImageRow(_Row):
 
     file: str = Field(description="Path relative to the session folder.")
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class AxisRow(_Row):
+    """Fringes that vary along one axis of the projector."""
+
+    axis: str = Field(description="u counts the projector's columns, v its rows.")
+    extent_px: int
+    periods_px: list[float]
+    zeros_deg: list[float]
 
 
 class CaptureRow(_Row):
@@ -41,6 +51,9 @@ class CaptureRow(_Row):
     use: str = Field(description="calibration or verification.")
     images: list[ImageRow]
     gray: list[ImageRow]
+    axes: list[AxisRow] = Field(default=[], description="Of the projector's raster, in the order of the images.")
+    white: list[ImageRow] = []
+    black: list[ImageRow] = []
 
 
 class FaultRow(_Row):
@@ -99,7 +112,15 @@ def _capture_row(capture: Capture, check: SessionCheck) -> CaptureRow:
         use=capture.use,
         images=rows(capture.paths, capture.sha256),
         gray=rows(capture.gray_paths, capture.gray_sha256),
+        axes=[_axis_row(axis) for axis in capture.axes],
+        white=rows(capture.white_paths, capture.white_sha256),
+        black=rows(capture.black_paths, capture.black_sha256),
     )
+
+
+def _axis_row(axis: FringeAxis) -> AxisRow:
+    zeros = [round(math.degrees(zero), 9) for zero in axis.zeros_rad]
+    return AxisRow(axis=axis.name, extent_px=axis.extent_px, periods_px=list(axis.periods_px), zeros_deg=zeros)
 
 
 def check_schema() -> dict[str, Any]:

@@ -12,6 +12,7 @@ from fringecal.session.captures import Session
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft, draft_capture
 from fringecal.session.faults import Fault
+from fringecal.session.fringe_axes import axis_faults
 from fringecal.session.model_file import ReadModel, model_file
 from fringecal.session.parse import Parsed, parse_folder
 from fringecal.session.pictures import picture_rules as comparison
@@ -110,6 +111,7 @@ def _faults(folder: Path, parsed: Parsed, drafts: Sequence[Draft], levels: Seque
         yield from consistency.count_faults(draft)
         yield from consistency.target_faults(draft)
         yield from consistency.period_faults(draft)
+        yield from axis_faults(draft, parsed.sound_document, is_projector_sound=parsed.is_sound("projector"))
         yield from consistency.use_faults(draft)
         yield from comparison.colour_faults(draft, parsed.sound_document.camera.channel)
         yield from level.faults

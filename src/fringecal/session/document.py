@@ -3,7 +3,7 @@
 from pathlib import PurePath
 from typing import Annotated, Literal, get_args
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Discriminator, Field, FiniteFloat, Tag, model_validator
 
 from fringecal.targets import Quantity
 
@@ -16,6 +16,9 @@ KINDS: tuple[str, ...] = get_args(Kind)
 
 Bits = Annotated[int, Field(ge=8, le=16)]
 Text = Annotated[str, Field(min_length=1)]
+Axis = Literal["u", "v"]
+Lengths = Annotated[list[Annotated[FiniteFloat, Field(gt=0)]], Field(min_length=1)]
+Pixels = Annotated[int, Field(ge=2, le=65536)]
 
 
 class _Table(BaseModel):
@@ -60,14 +63,20 @@ class MirrorTable(_Table):
 
 
 class ProjectorTable(_Table):
-    """Where the projector is nominally, for the theory table; seen in a mirror if there is one."""
+    """What is known of the projector: where it stands nominally, seen in a mirror if there is one; its raster."""
 
-    position_mm: Quantity
+    position_mm: Quantity | None = None
     mirror: MirrorTable | None = None
+    resolution_px: Annotated[list[Pixels], Field(min_length=2, max_length=2)] | None = None
 
     @model_validator(mode="after")
-    def _three_coordinates(self) -> "ProjectorTable":
-        _demand_point("position_mm", self.position_mm)
+    def _says_something(self) -> "ProjectorTable":
+        if self.position_mm is None and self.resolution_px is None:
+            raise ValueError("position_mm is missing, and resolution_px as well: one of them is what the table is for")
+        if self.position_mm is None and self.mirror is not None:
+            raise ValueError("a mirror without position_mm moves nothing: state where the projector itself stands")
+        if self.position_mm is not None:
+            _demand_point("position_mm", self.position_mm)
         return self
 
 
@@ -82,6 +91,40 @@ class PhaseTable(_Table):
     steps_deg: list[FiniteFloat]
 
 
+class AxisLengths(_Table):
+    """Numbers of fringes that differ from one axis of the projector to the other."""
+
+    u: Lengths | None = None
+    v: Lengths | None = None
+
+
+class AxisAngles(_Table):
+    """Phase zeros that differ from one axis of the projector to the other."""
+
+    u: list[FiniteFloat] | None = None
+    v: list[FiniteFloat] | None = None
+
+
+class AxisFiles(_Table):
+    """Gray-code pictures of each axis of the projector."""
+
+    u: list[Text] | None = None
+    v: list[Text] | None = None
+
+
+IN_ONE, BY_AXIS = "one list for all", "a table by axis"  # tags of unions; no message shows them
+
+
+def _form(stated: object) -> str:
+    return BY_AXIS if isinstance(stated, dict | BaseModel) else IN_ONE
+
+
+_BY_FORM = Discriminator(_form)
+LengthsByAxis = Annotated[Annotated[Lengths, Tag(IN_ONE)] | Annotated[AxisLengths, Tag(BY_AXIS)], _BY_FORM]
+AnglesByAxis = Annotated[Annotated[list[FiniteFloat], Tag(IN_ONE)] | Annotated[AxisAngles, Tag(BY_AXIS)], _BY_FORM]
+FilesByAxis = Annotated[Annotated[list[Text], Tag(IN_ONE)] | Annotated[AxisFiles, Tag(BY_AXIS)], _BY_FORM]
+
+
 class CaptureTable(_Table):
     """One capture: pictures of one thing, taken for one purpose.
 
@@ -89,6 +132,8 @@ class CaptureTable(_Table):
     `steps_deg` says that the pictures are not phase-shifted. `gray` lists Gray-code pictures, the
     coarsest bit first. `use` says whether an artefact takes part in the calibration or stays independent of
     it, for verification: strips take part unless told otherwise, other artefacts stay out.
+    With `axes` the images are in the order repeat, axis, period, step; `periods` are then in pixels of the
+    projector, or `fringes` states their numbers across its picture.
     """
 
     name: Annotated[str, Field(pattern=r"^[^\s/\\][^/\\]*$")]
@@ -96,8 +141,14 @@ class CaptureTable(_Table):
     target: Text | None = None
     images: list[Text]
     steps_deg: list[FiniteFloat] | None = None
-    periods: Annotated[list[Annotated[FiniteFloat, Field(gt=0)]], Field(min_length=1)] | None = None
-    gray: list[Text] | None = None
+    axes: Annotated[list[Axis], Field(min_length=1, max_length=2)] | None = None
+    periods: LengthsByAxis | None = None
+    fringes: LengthsByAxis | None = None
+    zeros_deg: AnglesByAxis | None = None
+    falling: list[Axis] | None = None
+    gray: FilesByAxis | None = None
+    white: list[Text] | None = None
+    black: list[Text] | None = None
     repeat: Annotated[int, Field(ge=1)] = 1
     use: Use | None = None
     bits: Bits | None = None

@@ -1,11 +1,11 @@
 """A capture under examination: its files found and decoded once, its target read, what fails noted."""
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from fringecal.errors import TargetError
-from fringecal.session.document import CaptureTable
+from fringecal.session.document import AxisFiles, CaptureTable
 from fringecal.session.faults import Fault, PictureError
 from fringecal.session.model_file import outside_fault
 from fringecal.session.parse import Parsed
@@ -41,6 +41,10 @@ class Draft:
         What could not be found or read.
     target_sha256
         Of the bytes that the target was read from; empty for a shipped target.
+    gray_counts
+        How many of the Gray-code pictures belong to each axis of the projector, where axes are stated.
+    white_files, black_files
+        Pictures lit evenly, and not at all, by the projector.
     """
 
     label: str
@@ -54,6 +58,14 @@ class Draft:
     target: Target | None
     faults: tuple[Fault, ...]
     target_sha256: str = ""
+    gray_counts: dict[str, int] = field(default_factory=dict)
+    white_files: tuple[Path, ...] = ()
+    black_files: tuple[Path, ...] = ()
+
+    @property
+    def every_file(self) -> tuple[Path, ...]:
+        """All picture files of the capture, in the order in which it lists them."""
+        return (*self.files, *self.gray_files, *self.white_files, *self.black_files)
 
     @property
     def frames(self) -> list[FrameFacts]:
@@ -62,9 +74,8 @@ class Draft:
 
     @property
     def all_frames(self) -> list[FrameFacts]:
-        """Facts of the readable images and Gray-code pictures, each file once."""
-        files = dict.fromkeys((*self.files, *self.gray_files))
-        return [self.facts[path] for path in files if path in self.facts]
+        """Facts of all readable pictures of the capture, each file once."""
+        return [self.facts[path] for path in dict.fromkeys(self.every_file) if path in self.facts]
 
 
 def draft_capture(
@@ -91,8 +102,11 @@ def draft_capture(
     broken = parsed.broken_keys(index)
     label = f"capture {index + 1}" if "name" in broken else f'capture "{table.name}"'
     files, faults = expand(folder, table.images, f"{label}: images")
-    gray_files, gray_faults = expand(folder, table.gray or [], f"{label}: gray")
-    found = [_examined(folder, path, label, examined) for path in dict.fromkeys((*files, *gray_files))]
+    gray, gray_faults = _gray_files(folder, table, label)
+    lights = [expand(folder, getattr(table, key) or [], f"{label}: {key}") for key in ("white", "black")]
+    gray_files = tuple(path for paths in gray.values() for path in paths)
+    every = (*files, *gray_files, *(path for paths, _ in lights for path in paths))
+    found = [_examined(folder, path, label, examined) for path in dict.fromkeys(every)]
     target, target_sha256, target_faults = _target(folder, table, label, targets)
     return Draft(
         label=label,
@@ -100,13 +114,32 @@ def draft_capture(
         broken=broken,
         steps_deg=_steps_deg(parsed, table, broken),
         files=tuple(files),
-        gray_files=tuple(gray_files),
+        gray_files=gray_files,
         facts={facts.path: facts for facts in found if isinstance(facts, FrameFacts)},
         has_all_files=not faults,
         target=target,
-        faults=(*faults, *gray_faults, *(f for f in found if isinstance(f, Fault)), *target_faults),
+        faults=(
+            *faults,
+            *gray_faults,
+            *(fault for _, light_faults in lights for fault in light_faults),
+            *(f for f in found if isinstance(f, Fault)),
+            *target_faults,
+        ),
         target_sha256=target_sha256,
+        gray_counts={name: len(paths) for name, paths in gray.items()},
+        white_files=tuple(lights[0][0]),
+        black_files=tuple(lights[1][0]),
     )
+
+
+def _gray_files(folder: Path, table: CaptureTable, label: str) -> tuple[dict[str, list[Path]], list[Fault]]:
+    """Find the Gray-code pictures of each axis; those of no axis stand under the first that is stated, or "u"."""
+    names = table.axes or ["u"]
+    if isinstance(table.gray, AxisFiles):
+        found = {n: expand(folder, getattr(table.gray, n) or [], f"{label}: gray.{n}") for n in dict.fromkeys(names)}
+    else:
+        found = {names[0]: expand(folder, table.gray or [], f"{label}: gray")}
+    return {name: paths for name, (paths, _) in found.items()}, [f for _, faults in found.values() for f in faults]
 
 
 def _examined(folder: Path, path: Path, label: str, examined: dict[Path, FrameFacts | Fault]) -> FrameFacts | Fault:
@@ -144,9 +177,9 @@ def _target(
 def _steps_deg(parsed: Parsed, table: CaptureTable, broken: frozenset[str]) -> tuple[float, ...] | None:
     if table.steps_deg is not None:
         return tuple(table.steps_deg)
-    if broken & {"steps_deg", "kind"}:
+    if broken & {"steps_deg", "kind", "axes"}:
         return None
-    if table.kind in PICTURE_KINDS:
+    if table.kind in PICTURE_KINDS and table.axes is None:
         return ()
     phase = parsed.sound_document.phase
     return tuple(phase.steps_deg) if phase is not None else None

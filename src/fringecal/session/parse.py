@@ -14,7 +14,12 @@ from pydantic import BaseModel, ValidationError
 
 from fringecal.guarded import MOST_TOML, MissingFileRefusal, Refusal, bytes_of, is_folder, text_of, toml_of
 from fringecal.session.document import (
+    BY_AXIS,
     FILE_NAME,
+    IN_ONE,
+    AxisAngles,
+    AxisFiles,
+    AxisLengths,
     CameraTable,
     CaptureTable,
     MirrorTable,
@@ -37,6 +42,10 @@ _TABLES: dict[tuple[str, ...], type[BaseModel]] = {
     ("projector", "position_mm"): Quantity,
     ("projector", "mirror"): MirrorTable,
     ("projector", "mirror", "point_mm"): Quantity,
+    ("capture", "periods"): AxisLengths,
+    ("capture", "fringes"): AxisLengths,
+    ("capture", "zeros_deg"): AxisAngles,
+    ("capture", "gray"): AxisFiles,
 }
 
 # Stand-ins for what is missing or wrong, so that the rest can still be checked; never returned as data.
@@ -47,6 +56,8 @@ _STAND_INS: dict[str, Any] = {
     "captured": datetime(1970, 1, 1, tzinfo=UTC),
     "capture": [_CAPTURE_STAND_INS],
 }
+
+_TAGS = (IN_ONE, BY_AXIS)  # parts of a place that the document does not have
 
 _MOST_FAULTS = 100  # that one validation tells: a list of 100,000 wrong entries has as many
 _SHOWN = 60  # characters of a wrong value that a message shows: half a line
@@ -70,6 +81,13 @@ _NEEDED = {
     "repeat": "write how often the whole set was taken, 1 or more",
     "use": 'write "calibration" or "verification", or leave it out',
     "periods": "list the fringe periods in file order, all greater than zero",
+    "axes": 'write axes = ["u"], ["v"] or ["u", "v"]: the projector\'s columns are counted along u, its rows along v',
+    "fringes": "list the numbers of fringes across the projector's picture in file order, all greater than zero",
+    "zeros_deg": "list the phase of each period at the projector's first pixel, in degrees",
+    "falling": "list the axes along which the phase falls; [] says that it rises along each",
+    "resolution_px": "write resolution_px = [columns, rows] of the projector",
+    "white": "list the picture or pictures lit by the projector evenly white",
+    "black": "list the picture or pictures taken with the projector black",
     "value": "write a finite number, or a list of them",
     "u": "state the standard uncertainty, zero or more",
 }
@@ -168,7 +186,7 @@ def _salvaged(table: dict[str, Any]) -> Parsed:
         try:
             return Parsed(SessionDocument.model_validate(table), frozenset(broken), tuple(faults))
         except ValidationError as error:
-            errors = error.errors()
+            errors: list[Any] = [{**e, "loc": _untagged(e["loc"])} for e in error.errors()]
         places = {_place(tuple(e["loc"])) for e in errors} - broken
         faults += _described(errors, table)
         if not places:
@@ -176,6 +194,11 @@ def _salvaged(table: dict[str, Any]) -> Parsed:
         for place in sorted(places, key=lambda p: [str(part) for part in p]):
             _stand_in(table, place)
         broken |= places
+
+
+def _untagged(loc: Loc) -> Loc:
+    """Leave out what tells one form of a key from another: the document has no such part."""
+    return tuple(part for part in loc if part not in _TAGS)
 
 
 def _place(loc: Loc) -> Loc:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft
 from fringecal.session.faults import Fault, joined
+from fringecal.session.fringe_axes import along, number_of_sets
 
 _TARGETS_OF = {
     "grid": frozenset({"line-grid"}),
@@ -80,7 +81,7 @@ def step_notes(draft: Draft, phase_deg: Sequence[float] | None) -> Iterator[str]
 
 def count_faults(draft: Draft) -> Iterator[Fault]:
     """Compare the number of images with steps x periods x repeat."""
-    if draft.broken & {"images", "periods", "repeat"}:
+    if draft.broken & {"images", "periods", "fringes", "axes", "repeat"}:
         return
     if not draft.table.images:
         yield Fault(f"{draft.label}: images", "no images", "list at least one file")
@@ -89,18 +90,24 @@ def count_faults(draft: Draft) -> Iterator[Fault]:
 
 
 def _count_faults(draft: Draft, n_steps: int) -> Iterator[Fault]:
-    found, n_periods, repeat = len(draft.files), len(draft.table.periods or [1]), draft.table.repeat
-    group = max(1, n_steps) * n_periods
+    found, n_sets, repeat = len(draft.files), number_of_sets(draft.table), draft.table.repeat
+    group = max(1, n_steps) * n_sets
     needed = group * repeat
     # Without phase shifting any number of pictures per repeat will do.
     if found == needed or (n_steps == 0 and found % needed == 0):
         return
     yield Fault(
         f"{draft.label}: images",
-        f"{found} images, needed {needed}: {n_steps or 1} phase shift(s) x {n_periods} period(s), {repeat} time(s)",
+        f"{found} images, needed {needed}: {n_steps or 1} phase shift(s) x {n_sets} {_sets_of(draft)}, "
+        f"{repeat} time(s)",
         (f"state repeat = {found // group} if the set was repeated, or " if found % group == 0 else "")
         + "correct the list of images or the steps",
     )
+
+
+def _sets_of(draft: Draft) -> str:
+    """Say what one phase-shifted set is taken for each of."""
+    return "period(s)" if draft.table.axes is None else f"period(s) along {' and '.join(draft.table.axes)}"
 
 
 def target_faults(draft: Draft) -> Iterator[Fault]:
@@ -127,9 +134,12 @@ def use_faults(draft: Draft) -> Iterator[Fault]:
 
 def period_faults(draft: Draft) -> Iterator[Fault]:
     """Refuse two equal fringe periods: the second tells nothing new."""
-    periods = draft.table.periods or []
-    if len(set(periods)) < len(periods):
-        yield Fault(f"{draft.label}: periods", f"equal periods in {periods}", "state each period once; use repeat")
+    for key in ("periods", "fringes"):
+        for name in draft.table.axes or ["u"]:
+            stated: list[float] = along(getattr(draft.table, key), name)
+            if len(set(stated)) < len(stated):
+                yield Fault(f"{draft.label}: {key}", f"equal {key} in {stated}", "state each once; use repeat")
+                break
 
 
 def name_faults(drafts: Sequence[Draft]) -> Iterator[Fault]:

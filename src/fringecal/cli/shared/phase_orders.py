@@ -13,6 +13,7 @@ from fringecal.phase import (
     AbsolutePhase,
     FringeOrders,
     PhaseSummary,
+    RasterCoordinate,
     absolute_phase,
     decide_orders,
     orders_by_gray,
@@ -20,6 +21,7 @@ from fringecal.phase import (
 )
 from fringecal.records import replacing
 from fringecal.report import orders_overview
+from fringecal.workflows.shared import raster_of_maps
 
 
 def named[**P, T](one: PhaseSet | Group, function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
@@ -56,6 +58,37 @@ def counted_orders(group: Group, summaries: list[PhaseSummary]) -> tuple[FringeO
         phases, sigmas = [m.phase for m in maps], [m.sigma for m in maps]
         orders = named(group, decide_orders, phases, sigmas, group.periods, projected=group.projected)
     return orders, named(group, absolute_phase, orders, projected=group.projected)
+
+
+def raster_document(group: Group, summaries: list[PhaseSummary], out: Path | None) -> dict[str, Any]:
+    """Count the projector's pixels along a group's axis, write them, and put what was found into plain numbers."""
+    found = named(group, _raster, group, summaries)
+    known = np.isfinite(found.px)
+    return {
+        "name": group.name,
+        "axis": None if group.axis is None else group.axis.name,
+        "extent_px": found.extent_px,
+        "cycle_px": found.cycle_px,
+        "zeros_rad": list(found.zeros_rad),
+        "falls": found.falls,
+        "known": float(known.mean()),
+        "outside": found.outside,
+        "u_px": float(np.median(found.u_px[known])) if known.any() else None,
+        "sentences": [found.sentence()],
+        "files": _save_raster(group.name, found, out) if out else [],
+    }
+
+
+def _raster(group: Group, summaries: list[PhaseSummary]) -> RasterCoordinate:
+    assert group.axis is not None
+    found = raster_of_maps([summary.map for summary in summaries], group.axis, group.gray)
+    return found if group.lit is None else found.within(group.lit)
+
+
+def _save_raster(name: str, found: RasterCoordinate, folder: Path) -> list[str]:
+    with replacing(folder / f"{name}-projector.npz") as path:
+        np.savez_compressed(path, projector_px=found.px, u_px=found.u_px)
+    return [str(folder / f"{name}-projector.npz")]
 
 
 def save_orders(name: str, orders: FringeOrders, absolute: AbsolutePhase, folder: Path) -> list[str]:

@@ -8,7 +8,8 @@ import numpy as np
 
 from fringecal.cli.shared.pictures import read_picture
 from fringecal.errors import PhaseError
-from fringecal.session import FILE_NAME, Capture, Session, load_session, natural_key
+from fringecal.session import FILE_NAME, Capture, FringeAxis, Session, load_session, natural_key
+from fringecal.workflows.shared import lit_by_projector
 
 _SENSOR_BITS = (10, 12, 14)  # of cameras whose files have 16
 
@@ -31,7 +32,8 @@ class PhaseSet:
 class Group:
     """Sets of one scene; with several periods, one set for each, in the order of `periods`; Gray-code frames.
 
-    `extent` is the length of the projected picture in the unit of the periods, where it is stated.
+    `extent` is the length of the projected picture in the unit of the periods, where it is stated; `axis` what a
+    session states of fringes along an axis of its projector, `lit` where that lights the picture.
     """
 
     name: str
@@ -39,11 +41,18 @@ class Group:
     periods: tuple[float, ...] = ()
     gray: np.ndarray | None = None
     extent: float | None = None
+    axis: FringeAxis | None = None
+    lit: np.ndarray | None = None
 
     @property
     def absolute(self) -> bool:
         """Whether orders can be decided."""
         return len(self.periods) > 1 or self.gray is not None
+
+    @property
+    def counts_by_itself(self) -> bool:
+        """Whether fringes are counted over the picture: no projector is stated whose pixels they number."""
+        return self.absolute and self.axis is None
 
     @property
     def projected(self) -> float | None:
@@ -85,15 +94,28 @@ def session_groups(folder: Path, name: str | None, extent: float | None = None) 
     if not shifted:
         raise PhaseError(f"{folder}: no capture is phase-shifted; state steps_deg and list three frames or more")
     for key in [name] if name is not None else shifted:
-        for group in _capture_groups(shifted[key], _reference_of(session, shifted[key])):
-            yield replace(group, extent=extent)
+        lit = lit_by_projector(shifted[key])
+        for one in _by_axis(shifted[key]):
+            for group in _capture_groups(one, _reference_of(session, one)):
+                yield replace(group, extent=extent, axis=one.axes[0] if one.axes else None, lit=lit)
+
+
+def _by_axis(capture: Capture) -> Iterator[Capture]:
+    """Give a capture once for each axis that its fringes vary along, named by it; as it is where it states none."""
+    if not capture.axes:
+        yield capture
+    for axis in capture.axes:
+        yield replace(capture.along(axis.name), name=f"{capture.name}-{axis.name}")
 
 
 def _reference_of(session: Session, capture: Capture) -> Capture | None:
     """Return the session's picture of the bare plate, or for a plate any other, to compare a capture with."""
     others = [one for one in session.captures.values() if one.name != capture.name and one.phase_shifts_rad]
     same = [
-        one for one in others if one.phase_shifts_rad == capture.phase_shifts_rad and one.periods == capture.periods
+        one
+        for one in others
+        if one.phase_shifts_rad == capture.phase_shifts_rad
+        and (one.periods, one.axes[:1]) == (capture.periods, capture.axes)
     ]
     plates = [one for one in same if one.kind == "reference"]
     # A plate's own frames in another order show against anything else that the rig has taken.

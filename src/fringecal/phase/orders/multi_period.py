@@ -211,9 +211,11 @@ def decide_orders(
         phi, read.long, u_long, ratios, zeros, cycle, rules.clear, rules.most_chi_squared
     )
     absolute = np.where(order >= 0, phi + np.float32(TURN) * order, np.float32(np.nan)).astype(np.float32)
-    absolute[order_kernels.alone(absolute, TURN * cycle)] = np.nan
-    known, valid = np.isfinite(absolute), np.isfinite(phi)
+    alone, valid = order_kernels.alone(absolute, TURN * cycle), np.isfinite(phi)
     count = max(int(valid.sum()), 1)
+    if (alone & valid).sum() <= rules.most_alone * count:
+        absolute[alone] = np.nan
+    known = np.isfinite(absolute)
     return FringeOrders(
         phase=absolute,
         cycle=cycle,

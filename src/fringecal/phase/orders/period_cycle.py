@@ -42,6 +42,9 @@ class OrderRules:
         distance between two orders; a smaller one is noise, and harmless.
     sample
         Pixels from which chi-squared are taken: their median is known to 1 %.
+    most_alone
+        Share of the pixels without neighbours within half a fringe up to which these count as wrong. Where more are,
+        fringes are too narrow in the picture for neighbours to say anything, and all stay; at 1 they never do.
     """
 
     clear: float = 15.0
@@ -53,6 +56,7 @@ class OrderRules:
     least_agreement: float = 0.5
     least_offset: float = 0.05
     sample: int = 40_000
+    most_alone: float = 1.0
 
 
 ORDER_RULES = OrderRules()

@@ -52,7 +52,7 @@ def duplicate_faults(drafts: Sequence[Draft], folder: Path) -> Iterator[Fault]:
     """Find one file listed twice, one file copied, and one picture saved twice (a stale frame)."""
     uses: dict[Path, list[str]] = defaultdict(list)
     for draft in drafts:
-        for path in (*draft.files, *draft.gray_files):
+        for path in draft.every_file:
             uses[path].append(draft.label)
     for path, labels in uses.items():
         if len(labels) > 1:

@@ -154,7 +154,7 @@ def _reused(session: Session, record: CalibrationRecord) -> tuple[str, ...]:
         capture.name
         for kind in _COMPARED
         for capture in session.find(kind)
-        if known & {*capture.sha256, *capture.gray_sha256}
+        if known & {sha256 for _, sha256 in capture.files}
     )
 
 

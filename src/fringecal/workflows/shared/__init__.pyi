@@ -82,6 +82,18 @@ from .phase_notes import (
 from .phase_notes import (
     wave_record as wave_record,
 )
+from .raster_phase import (
+    AxisPhase as AxisPhase,
+)
+from .raster_phase import (
+    lit_by_projector as lit_by_projector,
+)
+from .raster_phase import (
+    raster_of_capture as raster_of_capture,
+)
+from .raster_phase import (
+    raster_of_maps as raster_of_maps,
+)
 from .record_parts import (
     budget_rows as budget_rows,
 )

@@ -95,11 +95,11 @@ def phase_of_capture(capture: Capture, *, wave: Waveform | None = None) -> Captu
         raise SessionError(
             [f"capture {capture.name!r}: no phase shifts; state steps_deg under [phase] or in the capture"]
         )
-    adapted = _adapted(capture, shortest_period(capture), wave)
+    adapted = adapted_set(capture, shortest_period(capture), wave)
     if not adapted.map.valid.any():
         raise PhaseError(
-            f"capture {capture.name!r}: no pixel carries fringes ({_why(adapted.map)}). Check projector, focus and "
-            "exposure, and that the frames are those of a phase-shifted set."
+            f"capture {capture.name!r}: no pixel carries fringes ({why_masked(adapted.map)}). Check projector, focus "
+            "and exposure, and that the frames are those of a phase-shifted set."
         )
     return CapturePhase(capture, adapted, _orders(capture, adapted))
 
@@ -109,7 +109,7 @@ def shortest_period(capture: Capture) -> int:
     return int(np.argmin(capture.periods)) if capture.periods else 0
 
 
-def _adapted(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
+def adapted_set(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
     """Demodulate one of a capture's sets."""
     frames = frames_of(capture, period=period)
     return demodulate_adapted(frames, capture.phase_shifts_rad, white_level=capture.white_level, wave=wave)
@@ -128,7 +128,7 @@ def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:
 def _orders_of_periods(capture: Capture, main: Adapted) -> FringeOrders:
     shortest = shortest_period(capture)
     # Few wide fringes do not show their own shape: it is that of the narrow ones, from the same projector.
-    maps = [main.map if k == shortest else _adapted(capture, k, main.wave).map for k in range(len(capture.periods))]
+    maps = [main.map if k == shortest else adapted_set(capture, k, main.wave).map for k in range(len(capture.periods))]
     return decide_orders([m.phase for m in maps], [m.sigma for m in maps], capture.periods)
 
 
@@ -141,6 +141,7 @@ def frames_of(capture: Capture, *, period: int | None = None) -> NDArray[np.gene
     return mean_of_repeats(sets, white_level=capture.white_level)
 
 
-def _why(phase_map: PhaseMap) -> str:
+def why_masked(phase_map: PhaseMap) -> str:
+    """List why pixels carry no phase, with their shares."""
     shares = {name: share for name, share in phase_map.shares().items() if name != "valid" and share > 0}
     return ", ".join(f"{name.replace('_', ' ')} {100 * share:.0f} %" for name, share in shares.items())

@@ -27,7 +27,7 @@ def inputs_of(session: Session, *, only: Iterable[Capture | None] | None = None)
     whose = {
         path.relative_to(session.folder).as_posix(): capture.name
         for capture in session.captures.values()
-        for path in (*capture.paths, *capture.gray_paths)
+        for path, _ in capture.files
     }
     files = [InputFile(capture=whose.get(file, ""), file=file, sha256=sha) for file, sha in session.inputs.items()]
     names = None if only is None else {"", *(capture.name for capture in only if capture is not None)}

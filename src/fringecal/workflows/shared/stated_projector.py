@@ -7,7 +7,7 @@ from fringecal.session import Session
 
 def projector_of(session: Session) -> ProjectorPosition | None:
     """Return the stated position of the projector, if the session states one: of its image, if there is a mirror."""
-    if session.projector is None:
+    if session.projector is None or session.projector.position_mm is None:
         return None
     position, mirror = session.projector.position_mm, session.projector.mirror
     stated = ProjectorPosition(position.array(3), position.u_array(3))
