@@ -1,10 +1,15 @@
 """The full lens: from board pictures, or from a file that the session states."""
 
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
 from fringecal.calibration import KnownLens, LensFindings, lens_from_pictures
 from fringecal.camera import Lens, Model, Solver
 from fringecal.errors import RecordError, SessionError
 from fringecal.records import lens_of_bytes, read_lens
-from fringecal.session import CameraKnown, Session
+from fringecal.session import CameraKnown, Capture, Session
 
 
 def known_lens(session: Session) -> KnownLens | None:
@@ -57,7 +62,18 @@ def measure_lens(
         raise SessionError(["no capture of kind 'board' that names its target; add one to session.toml"])
     if any(target != targets[0] for target in targets):
         raise SessionError(["captures of kind 'board' name different targets; a lens is fitted to one board"])
-    pictures = [
-        (path.name, image) for capture in captures for path, image in zip(capture.paths, capture.read(), strict=True)
-    ]
+    pictures = [named for capture in captures for named in board_pictures(capture)]
     return lens_from_pictures(pictures, targets[0], solver=solver, model=model, flat_board=flat_board)
+
+
+def board_pictures(capture: Capture) -> Iterator[tuple[str, NDArray[np.generic]]]:
+    """Give the pictures of a board that a capture holds, by name: each, or of a board with fringes the even one.
+
+    Where no picture is lit evenly, the mean of the frames is: whole sets of phase shifts leave no fringes in it.
+    """
+    if not capture.axes:
+        yield from ((path.name, image) for path, image in zip(capture.paths, capture.read(), strict=True))
+        return
+    white = capture.read_light("white")
+    name = capture.white_paths[0].name if capture.white_paths else f"{capture.name} (mean)"
+    yield name, np.asarray(capture.read().mean(axis=0) if white is None else white, np.float32)
