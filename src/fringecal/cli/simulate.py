@@ -1,6 +1,7 @@
 """`fringecal simulate`: take a session with a virtual rig, and keep the truth beside it."""
 
 from pathlib import Path
+from typing import overload
 
 import typer
 from rich.markup import escape
@@ -9,11 +10,25 @@ from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
 from fringecal.session import write_session
-from fringecal.simulate import RigSpec, SimulatedSession, Truth, load_rig, simulate_session, truth_of
+from fringecal.simulate import (
+    RasterRigSpec,
+    RigSpec,
+    SimulatedRasterSession,
+    SimulatedSession,
+    Truth,
+    is_raster_rig,
+    load_raster_rig,
+    load_rig,
+    raster_truth,
+    simulate_raster_session,
+    simulate_session,
+    truth_of,
+)
 
 HELP = """Simulate a session: pictures, session.toml, and the truth in DIR/truth, which no other verb reads.
 
-RIG is a shipped rig (thesis, thesis-7, oblique, telecentric, harder) or the path of a rig's TOML.
+RIG is a shipped rig (thesis, thesis-7, oblique, telecentric, harder; dlp and dlp-small, which have a raster projector
+and a board in poses) or the path of a rig's TOML.
 
 Example: fringecal simulate thesis --out virtual --captures grid,reference,strips --seed 1
 """
@@ -33,6 +48,9 @@ def simulate(
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document."),
 ) -> None:
     """Load, simulate, write, print."""
+    if is_raster_rig(rig):
+        _simulate_raster(load_raster_rig(rig), (out, captures, seed), overwrite=overwrite, as_json=as_json)
+        return
     spec = load_rig(rig)
     names = [name.strip() for name in captures.split(",") if name.strip()] or [c.name for c in spec.capture]
     session = _taken(spec, names, seed, quiet=as_json)
@@ -50,7 +68,35 @@ def simulate(
         console.print(f"session: {folder}", markup=False, highlight=False, soft_wrap=True)
 
 
-def _taken(spec: RigSpec, names: list[str], seed: int, *, quiet: bool) -> SimulatedSession:
+def _simulate_raster(spec: RasterRigSpec, wanted: tuple[Path, str, int], *, overwrite: bool, as_json: bool) -> None:
+    """Simulate a rig with a raster projector, write the session, and say what its truth is."""
+    out, captures, seed = wanted
+    names = [name.strip() for name in captures.split(",") if name.strip()] or [c.name for c in spec.capture]
+    session = _taken(spec, names, seed, quiet=as_json)
+    folder = write_session(out, session.document, session.frames, extra_files=session.files, overwrite=overwrite)
+    truth = raster_truth(spec)
+    if as_json:
+        report = {"session": str(folder), "rig": spec.name, "seed": seed, "captures": list(session.captures)}
+        print_json(report | {"images": list(session.frames), "truth": truth | {"folder": str(folder / "truth")}})
+        return
+    baseline = ", ".join(f"{value:.2f}" for value in truth["projector_position_mm"])
+    focal = f"{truth['camera'][0]:.1f} px (camera), {truth['projector'][0]:.1f} px (projector)"
+    console.print(
+        f"{len(session.captures)} captures, {len(session.frames)} images; truth: focal lengths {focal}; the projector "
+        f"stands at {baseline} mm of the camera's frame",
+        soft_wrap=True,
+    )
+    console.print(f"session: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+@overload
+def _taken(spec: RigSpec, names: list[str], seed: int, *, quiet: bool) -> SimulatedSession: ...
+@overload
+def _taken(spec: RasterRigSpec, names: list[str], seed: int, *, quiet: bool) -> SimulatedRasterSession: ...
+def _taken(
+    spec: RigSpec | RasterRigSpec, names: list[str], seed: int, *, quiet: bool
+) -> SimulatedSession | SimulatedRasterSession:
+    """Take a rig's captures with a bar that shows how far it is."""
     columns = TextColumn("{task.description:<20}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
     with Progress(*columns, console=console, disable=quiet, transient=True) as progress:
         task = progress.add_task("simulate", total=len(names))
@@ -58,6 +104,8 @@ def _taken(spec: RigSpec, names: list[str], seed: int, *, quiet: bool) -> Simula
         def show(name: str) -> None:
             progress.update(task, description=escape(name), completed=names.index(name))
 
+        if isinstance(spec, RasterRigSpec):
+            return simulate_raster_session(spec, names, seed=seed, progress=show)
         return simulate_session(spec, names, seed=seed, progress=show)
 
 

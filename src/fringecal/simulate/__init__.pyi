@@ -1,3 +1,12 @@
+from .raster_sessions import (
+    SimulatedRasterSession as SimulatedRasterSession,
+)
+from .raster_sessions import (
+    raster_truth as raster_truth,
+)
+from .raster_sessions import (
+    simulate_raster_session as simulate_raster_session,
+)
 from .rig.drawn_camera import (
     build_camera as build_camera,
 )
@@ -10,8 +19,26 @@ from .rig.drawn_projector import (
 from .rig.drawn_projector import (
     phase_at as phase_at,
 )
+from .rig.raster_device import (
+    flat_pose as flat_pose,
+)
+from .rig.raster_device import (
+    projector_pose as projector_pose,
+)
+from .rig.raster_spec import (
+    RasterRigSpec as RasterRigSpec,
+)
+from .rig.rig_files import (
+    is_raster_rig as is_raster_rig,
+)
+from .rig.rig_files import (
+    list_raster_rigs as list_raster_rigs,
+)
 from .rig.rig_files import (
     list_rigs as list_rigs,
+)
+from .rig.rig_files import (
+    load_raster_rig as load_raster_rig,
 )
 from .rig.rig_files import (
     load_rig as load_rig,
@@ -72,6 +99,12 @@ from .thesis_images import (
 )
 from .thesis_images import (
     zigzag_px as zigzag_px,
+)
+from .tracing.raster_render import (
+    RasterFrames as RasterFrames,
+)
+from .tracing.raster_render import (
+    render_raster as render_raster,
 )
 from .tracing.ray_tracer import (
     plate_points as plate_points,

@@ -96,7 +96,7 @@ def simulate_session(
         for capture in chosen
         for name, frame in zip(_file_names(rig, capture), taken[capture.name].frames, strict=True)
     }
-    files = {_target_file(c): _toml(c.target).encode() for c in chosen if isinstance(c.target, dict)}
+    files = {_target_file(c): target_text(c.target).encode() for c in chosen if isinstance(c.target, dict)}
     if with_truth:
         files |= truth_files(rig, taken, seed=seed)
     return SimulatedSession(session_document(rig, chosen, seed=seed), frames, files, taken)
@@ -168,7 +168,7 @@ def _target_file(capture: CaptureSpec) -> str:
     return f"t-{capture.name}.toml"
 
 
-def _toml(target: str | dict[str, Any] | None) -> str:
+def target_text(target: str | dict[str, Any] | None) -> str:
     """Write a target document as TOML: flat, but for quantities, which are inline tables."""
     if not isinstance(target, dict):
         return ""

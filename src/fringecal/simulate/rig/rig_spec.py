@@ -19,11 +19,13 @@ Pair = tuple[FiniteFloat, FiniteFloat]
 CAPTURE_KINDS = Literal["grid", "board", "reference", "strips", "artefact", "object"]
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """A part of a rig document: frozen, and nothing in it is unknown."""
+
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class CameraSpec(_Part):
+class CameraSpec(Part):
     """The camera: a pinhole or a telecentric lens above the plate.
 
     `tilt_deg` is where the camera stands as seen from the plate's origin, in degrees off the normal
@@ -52,7 +54,7 @@ class CameraSpec(_Part):
         return (1 << self.bits) - 1
 
 
-class ProjectorSpec(_Part):
+class ProjectorSpec(Part):
     """The projector: a pinhole with one slide.
 
     Its axis goes from `position_mm` to the plate point `aim_mm`. The slide is turned so that phase
@@ -81,7 +83,7 @@ class ProjectorSpec(_Part):
         return self
 
 
-class StepsSpec(_Part):
+class StepsSpec(Part):
     """Phase shifts: what the session states, and what the mirror truly did.
 
     True step of frame n at pixel (u, v), in degrees: nominal + error + tilt_u (u - uc) / width
@@ -103,7 +105,7 @@ class StepsSpec(_Part):
         return self
 
 
-class LightSpec(_Part):
+class LightSpec(Part):
     """Light on the plate and exposure.
 
     `mid_grey` is the share of the white level at which the plate is seen at the origin in the middle
@@ -121,14 +123,14 @@ class LightSpec(_Part):
     flicker: NotNegative = 0.0
 
 
-class NoiseSpec(_Part):
+class NoiseSpec(Part):
     """Sensor noise in grey levels: variance = read^2 + gain * grey level."""
 
     read_levels: NotNegative = 1.0
     gain: NotNegative = 0.0
 
 
-class SurfaceSpec(_Part):
+class SurfaceSpec(Part):
     """Unevenness of the painted surfaces: relative standard deviations of a smooth and of a fine texture."""
 
     seed: Annotated[int, Field(ge=0)] = 2008
@@ -138,7 +140,7 @@ class SurfaceSpec(_Part):
     speckle_mm: Positive = 0.5
 
 
-class PlateSpec(_Part):
+class PlateSpec(Part):
     """A reference plate that is not flat.
 
     `form` lists terms (power of x, power of y, mm): the plate's height over z = 0 is the sum of mm (x / unit)^i
@@ -149,14 +151,14 @@ class PlateSpec(_Part):
     unit_mm: Positive = 100.0
 
 
-class StatedSpec(_Part):
+class StatedSpec(Part):
     """Standard uncertainties with which a session states what was measured by hand beforehand."""
 
     camera_height_u_mm: NotNegative = 5.0
     projector_position_u_mm: NotNegative = 3.0
 
 
-class CaptureSpec(_Part):
+class CaptureSpec(Part):
     """One capture of a session: what lies on the plate, where, and how it is turned.
 
     `direction` says along what ridges or strips run: the columns of the picture (along y) or its rows;
@@ -182,7 +184,7 @@ class CaptureSpec(_Part):
         return self
 
 
-class RigSpec(_Part):
+class RigSpec(Part):
     """A virtual rig, as one TOML document states it."""
 
     format: Literal[1] = 1

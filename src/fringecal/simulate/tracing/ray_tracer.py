@@ -97,7 +97,7 @@ def render(
     camera, projector = build_camera(rig.camera), build_projector(rig.projector)
     world, table = build_world(scene), pattern_table(scene.pattern)
     maps, keys = _centres(rig, camera, projector, world, table)
-    samples, texture = _samples(rig, scene, keys, maps[5]), _texture(rig.surface)
+    samples, texture = _samples(rig, scene, keys, maps[5]), texture_tables(rig.surface)
     if light == "fringes":
         _refuse_grazing(rig)
         exposure = _fringe_light(rig, lamp_factors(rig, seed, len(rig.steps.nominal_deg), noise=noise))
@@ -170,7 +170,7 @@ def _linear_level(rig: RigSpec, grey: float) -> float:
 
 def _samples(rig: RigSpec, scene: Scene, keys: np.ndarray, print_mm: np.ndarray) -> Samples:
     """Sample more where an edge may pass: a neighbour sees another face or light, or ink ends near."""
-    outer = _lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
+    outer = lattice(PRINT_SAMPLES if scene.pattern.kind else EDGE_SAMPLES)
     blur_px = _optical_blur_px(rig)
     # A pixel collects light from half of its side and three standard deviations of blur around it.
     reach_px = 0.5 + BLUR_REACH * blur_px
@@ -179,7 +179,7 @@ def _samples(rig: RigSpec, scene: Scene, keys: np.ndarray, print_mm: np.ndarray)
     # The reach along a diagonal.
     edges = ~same | (print_mm < EDGE_REACH * math.sqrt(2) * reach_px * rig.camera.scale_mm_per_px)
     soft_mm = INK_EDGE_PX * rig.camera.scale_mm_per_px
-    return Samples(edges, _two_points(blur_px), _aperture(outer, blur_px), soft_mm)
+    return Samples(edges, two_points(blur_px), aperture(outer, blur_px), soft_mm)
 
 
 def _optical_blur_px(rig: RigSpec) -> float:
@@ -187,19 +187,19 @@ def _optical_blur_px(rig: RigSpec) -> float:
     return min(rig.camera.defocus_px, OPTICAL_BLUR_PX)
 
 
-def _two_points(blur_px: float) -> np.ndarray:
+def two_points(blur_px: float) -> np.ndarray:
     """2 x 2 points with the variance of a pixel's square and blur: Gauss-Legendre's where it is sharp."""
     t = math.sqrt(1 / 12 + blur_px**2)
     return np.array([(a, b) for a in (-t, t) for b in (-t, t)])
 
 
-def _lattice(n: int) -> np.ndarray:
+def lattice(n: int) -> np.ndarray:
     """Fibonacci lattice over the unit square: each axis sees `n` evenly spaced points."""
     i = np.arange(n)
     return np.column_stack([(i + 0.5) / n, ((i * FIBONACCI[n]) % n + 0.5) / n])
 
 
-def _aperture(lattice: np.ndarray, blur_px: float) -> np.ndarray:
+def aperture(lattice: np.ndarray, blur_px: float) -> np.ndarray:
     """Spread a lattice over a pixel and its blur, so that every point stands for the same share of light.
 
     Along either axis the light's density is a square of 1 px convolved with a Gaussian; its quantiles
@@ -213,7 +213,8 @@ def _aperture(lattice: np.ndarray, blur_px: float) -> np.ndarray:
     return np.interp(lattice, share / share[-1], t)
 
 
-def _texture(surface: SurfaceSpec) -> Texture:
+def texture_tables(surface: SurfaceSpec) -> Texture:
+    """Draw the tables of a surface's uneven paint, smooth and fine."""
     rng = np.random.default_rng([surface.seed, TEXTURE_CELLS])
     tables = rng.standard_normal((2, TEXTURE_CELLS, TEXTURE_CELLS))
     # Spline smoothing over one cell rounds the corners of bilinear interpolation; unit variance after it.

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from fringecal.simulate.rig.raster_spec import RasterRigSpec
 from fringecal.simulate.rig.rig_spec import RigSpec
 
 LAMP_STREAM, SENSOR_STREAM = 1, 2
@@ -22,7 +23,9 @@ def lamp_factors(rig: RigSpec, seed: int | Sequence[int], n_frames: int, *, nois
     return 1 + rig.light.flicker * stream(seed, LAMP_STREAM).standard_normal(n_frames)
 
 
-def exposed(rig: RigSpec, levels: np.ndarray, seed: int | Sequence[int], *, noise: bool = True) -> np.ndarray:
+def exposed(
+    rig: RigSpec | RasterRigSpec, levels: np.ndarray, seed: int | Sequence[int], *, noise: bool = True
+) -> np.ndarray:
     """Turn linear light into grey levels.
 
     Parameters

@@ -6,6 +6,7 @@ import numpy as np
 
 from fringecal.simulate.rig.drawn_camera import Camera, ray
 from fringecal.simulate.rig.drawn_projector import Projector, phase_at
+from fringecal.simulate.rig.raster_device import RasterProjector
 from fringecal.simulate.scene.printed_patterns import PatternTable, edge_distance, ink_share
 from fringecal.simulate.tracing.compiled import compiled
 from fringecal.simulate.tracing.ray_kernels import PLATE, Triple, World, bilinear, see, shadowed
@@ -78,7 +79,7 @@ class Texture(NamedTuple):
 
 @compiled
 def trace_pixel(
-    camera: Camera, projector: Projector, world: World, u: float, v: float
+    camera: Camera, projector: Projector | RasterProjector, world: World, u: float, v: float
 ) -> tuple[Triple, float, int, float, float]:
     """Follow one line of sight: point, cosine to the projector (0 in shadow), surface, albedo, squared range."""
     sight = ray(camera, u, v)
@@ -137,7 +138,7 @@ def _series(harmonics: np.ndarray, angle: float) -> float:
 
 
 @compiled
-def _reflectance(table: PatternTable, texture: Texture, surface: int, point: Triple, soft_mm: float) -> float:
+def reflectance(table: PatternTable, texture: Texture, surface: int, point: Triple, soft_mm: float) -> float:
     """Albedo of a spot relative to its surface: print on the flat, and uneven paint everywhere."""
     x, y = point[0] + TEXTURE_SHIFT[0] * surface, point[1] + TEXTURE_SHIFT[1] * surface
     smooth = _texture_at(texture.tables, 0, x / texture.smooth_mm, y / texture.smooth_mm)
@@ -182,7 +183,7 @@ def collect_fringes(
                 su, sv = u + points[k, 0], v + points[k, 1]
                 point, cosine, surface, albedo, r2 = trace_pixel(camera, projector, world, su, sv)
                 du, dv = su - light.centre_px[0], sv - light.centre_px[1]
-                albedo *= _reflectance(table, texture, surface, point, samples.soft_mm)
+                albedo *= reflectance(table, texture, surface, point, samples.soft_mm)
                 albedo *= light.scale * (1 - light.vignetting * (du * du + dv * dv))
                 lit = cosine / (r2 * light.irradiance)
                 if not light.shading:
@@ -219,5 +220,5 @@ def collect_room(
                 du, dv = su - light.centre_px[0], sv - light.centre_px[1]
                 albedo *= 1 + light.gradient[0] * du + light.gradient[1] * dv
                 albedo *= 1 - light.vignetting * (du * du + dv * dv)
-                total += albedo * _reflectance(table, texture, surface, point, samples.soft_mm)
+                total += albedo * reflectance(table, texture, surface, point, samples.soft_mm)
             picture[v, u] = light.scale * total / points.shape[0]
