@@ -10,6 +10,15 @@ from .board_lens import (
 from .board_lens import (
     lens_from_pictures as lens_from_pictures,
 )
+from .board_pose import (
+    PosedBoard as PosedBoard,
+)
+from .board_pose import (
+    RasterMap as RasterMap,
+)
+from .board_pose import (
+    posed_board as posed_board,
+)
 from .grid_stage import (
     CameraFindings as CameraFindings,
 )

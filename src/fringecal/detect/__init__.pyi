@@ -7,6 +7,9 @@ from .boards import (
 from .boards import (
     find_dots as find_dots,
 )
+from .boards import (
+    refined_corners as refined_corners,
+)
 from .channel_contrast import (
     pattern_contrast as pattern_contrast,
 )
