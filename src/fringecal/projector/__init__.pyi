@@ -98,6 +98,9 @@ from .board_rig.triangulation import (
     RigPoints as RigPoints,
 )
 from .board_rig.triangulation import (
+    outside_limit_mm as outside_limit_mm,
+)
+from .board_rig.triangulation import (
     outside_volume as outside_volume,
 )
 from .board_rig.triangulation import (

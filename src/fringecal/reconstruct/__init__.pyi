@@ -76,3 +76,9 @@ from .tie_to_plate import (
 from .tie_to_plate import (
     tied_to_plate as tied_to_plate,
 )
+from .volume.volume_map import (
+    VolumeMap as VolumeMap,
+)
+from .volume.volume_map import (
+    volume_points as volume_points,
+)

@@ -35,6 +35,7 @@ MIN_POSES = 3
 _TERM_AT_CORNER = 0.1
 """Standard deviation expected of each term of a distortion, as a share of the radius at the picture's corner: no
 objective of a projector or of a measuring camera bends by more, and it holds a term of which boards tell nothing."""
+_START_ENOUGH = 1e-3  # relative fall of the camera's own sum of squares: it only leads to the projector's matrix
 _FOLLOWS = 0.7  # a u that is still this share of what was expected: the data said nothing
 _ORDERS = {4: 2, 5: 4, 6: 1, 7: 1, 8: 6}  # power of the radius by which each term's share of the radius grows
 
@@ -204,7 +205,7 @@ def _camera_alone(poses: Sequence[BoardPose], data: BoardData, form: BoardForm, 
     state = BoardState(shared, np.eye(3), rotations, shifts)
     weights = np.hstack([data.in_camera / data.camera_u, 0.0 * data.projector_u])
     alone = Expected(np.zeros(len(u)), u).holding(slice(9, len(u)))
-    return minimise(state, data, weights, alone)[0], u
+    return minimise(state, data, weights, alone, enough=_START_ENOUGH)[0], u
 
 
 def _lens_u(lens: Array, size: Size) -> Array:

@@ -6,21 +6,28 @@ has six of its own, which the normal equations eliminate (Schur complement): tim
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.camera import SeenPoints, lens_gradient
 from fringecal.projector.board_rig.board_form import BoardForm
+from fringecal.projector.board_rig.board_kernels import (
+    PointArrays,
+    PointWork,
+    StateArrays,
+    sum_equations,
+    write_rows,
+)
 from fringecal.projector.board_rig.board_poses import BoardPose
-from fringecal.projector.board_rig.rig_value import BOARD_RIG_NAMES, cross_matrix, turn_matrix
+from fringecal.projector.board_rig.rig_value import BOARD_RIG_NAMES, turn_matrix
 
 Array = NDArray[np.float64]
 
 POSE = 6  # parameters of a pose: a small turn of the board, rad, and a shift, mm
 RIG = len(BOARD_RIG_NAMES)
 CAMERA, PROJECTOR, TURN_OF, SHIFT_OF = slice(0, 9), slice(9, 18), slice(18, 21), slice(21, 24)
-_LEAST_AREA = 1e-12  # of a point's image, relative: below it the board is seen edge-on and a corner has no place on it
 
 
 @dataclass(frozen=True)
@@ -43,10 +50,16 @@ class BoardData:
     projector_u: Array
     coupled: NDArray[np.bool_]
 
-    @property
+    @cached_property
     def pose_of(self) -> NDArray[np.intp]:
         """Number of each point's pose, (n,)."""
         return np.repeat(np.arange(len(self.starts) - 1), np.diff(self.starts))
+
+    @cached_property
+    def points(self) -> PointArrays:
+        """The same for compiled loops."""
+        seen = np.hstack([self.camera, self.projector])
+        return PointArrays(np.ascontiguousarray(self.board), np.ascontiguousarray(self.lifts), seen, self.coupled)
 
     def slices(self) -> list[slice]:
         """Return each pose's part of the points."""
@@ -61,6 +74,12 @@ class BoardState:
     rotation: Array
     pose_rotations: Array
     pose_shifts: Array
+
+    @property
+    def arrays(self) -> StateArrays:
+        """The same for compiled loops."""
+        values = (self.shared, self.rotation, self.pose_rotations, self.pose_shifts)
+        return StateArrays(*(np.ascontiguousarray(a, float) for a in values))
 
     def moved(self, shared: Array, poses: Array) -> "BoardState":
         """Return the state after a step in the shared parameters, (m,), and the poses', (p, 6)."""
@@ -83,26 +102,50 @@ class Rows:
     rest: Array
     derivatives: Array
 
-    def weighted(self, weights: Array) -> "Rows":
-        """Return the equations times (n, 4) weights."""
-        return Rows(self.rest * weights, self.derivatives * weights[..., None])
+
+@dataclass(frozen=True)
+class Sums:
+    """Normal equations before elimination, of either device (2) and each pose (p).
+
+    `matrices` (2, p, m + 6, m + 6), `rights` (2, p, m + 6), `squares` (2,).
+    """
+
+    matrices: Array
+    rights: Array
+    squares: Array
+
+    def scaled(self, factors: tuple[float, float]) -> "Sums":
+        """Return the sums with the weights of the camera's and of the projector's squares times factors."""
+        by = np.array(factors)
+        return Sums(self.matrices * by[:, None, None, None], self.rights * by[:, None, None], self.squares * by)
 
 
 @dataclass(frozen=True)
 class Normal:
-    """Normal equations of the shared parameters with the poses eliminated, and what gives the poses back."""
+    """Normal equations of the shared parameters with the poses eliminated, and what gives the poses back.
+
+    `sums` are those before elimination; `back` (p, 6, m + 1) the poses' answers to the shared parameters and to the
+    residuals, `own` (p, 6, 6) the poses' own part.
+    """
 
     matrix: Array
     right: Array
     squares: float
-    pose_matrices: Array
-    pose_rights: Array
-    mixed: Array
+    sums: Sums
+    own: Array
+    back: Array
 
     def pose_steps(self, shared: Array) -> Array:
         """Steps of the poses (p, 6) that belong to a step of the shared parameters."""
-        rest = self.pose_rights - self.mixed.transpose(0, 2, 1) @ shared
-        return np.linalg.solve(self.pose_matrices, rest[..., None])[..., 0]
+        return np.asarray(self.back[..., -1] - self.back[..., :-1] @ shared)
+
+    def joint_covariance(self, shared: Array) -> Array:
+        """Covariance (p, m + 6, m + 6) of the shared parameters and each pose's, from that of the shared ones."""
+        back = self.back[..., :-1]
+        across = -shared @ back.transpose(0, 2, 1)
+        own = np.linalg.inv(self.own) - back @ across
+        top = np.concatenate([np.broadcast_to(shared, (len(back), *shared.shape)), across], axis=2)
+        return np.concatenate([top, np.concatenate([across.transpose(0, 2, 1), own], axis=2)], axis=1)
 
 
 def board_data(poses: Sequence[BoardPose], form: BoardForm) -> BoardData:
@@ -162,64 +205,44 @@ def _both(state: BoardState, points: Array) -> tuple[SeenPoints, SeenPoints]:
 
 def observation_rows(state: BoardState, data: BoardData) -> Rows:
     """Set up the observation equations of all points, px."""
-    k, m = data.pose_of, len(state.shared)
-    turned = np.einsum("nij,nj->ni", state.pose_rotations[k], _formed(state, data))
-    points = turned + state.pose_shifts[k]
-    camera, projector = _both(state, points)
-    on_camera = projector.by_point @ state.rotation
-    by_board = _board_moves(state, data)
-    by_pose = np.concatenate([-cross_matrix(turned), np.broadcast_to(np.eye(3), (len(k), 3, 3))], axis=2)
-    found = np.zeros((len(k), 4, m + POSE))
-    found[:, :2, CAMERA], found[:, 2:, PROJECTOR] = camera.by_lens, projector.by_lens
-    found[:, 2:, TURN_OF] = projector.by_point @ -cross_matrix(points @ state.rotation.T)
-    found[:, 2:, SHIFT_OF] = projector.by_point
-    for rows, by_point in ((slice(0, 2), camera.by_point), (slice(2, 4), on_camera)):
-        found[:, rows, RIG:m] = by_point @ by_board
-        found[:, rows, m:] = by_point @ by_pose
-    rest = np.hstack([data.camera - camera.pixels, data.projector - projector.pixels])
-    return _without_corner_errors(Rows(rest, found), data, camera.by_point, on_camera, state.pose_rotations[k])
+    size = len(state.shared) + POSE
+    rest, rows = np.zeros((len(data.board), 4)), np.zeros((len(data.board), 4, size))
+    write_rows(data.pose_of, data.points, state.arrays, _work(size), rest, rows)
+    return Rows(rest, rows)
 
 
-def _board_moves(state: BoardState, data: BoardData) -> Array:
-    """Moves (n, 3, 2 + terms) of the points in the camera's frame under the parameters of the board's form."""
-    flat = data.board * [1.0, 1.0, 0.0]
-    along = np.stack([flat, flat * [0.5, -0.5, 0.0]], axis=2)
-    up = np.zeros((len(flat), 3, data.lifts.shape[1]))
-    up[:, 2] = data.lifts
-    return np.asarray(state.pose_rotations[data.pose_of] @ np.concatenate([along, up], axis=2))
+def independent_residuals(state: BoardState, data: BoardData) -> Array:
+    """Residuals (n, 4) of `observation_rows` alone, px."""
+    size = len(state.shared) + POSE
+    rest = np.zeros((len(data.board), 4))
+    write_rows(data.pose_of, data.points, state.arrays, _work(size), rest, np.zeros((0, 4, size)))
+    return rest
 
 
-def _without_corner_errors(rows: Rows, data: BoardData, in_camera: Array, in_projector: Array, turns: Array) -> Rows:
-    """Take the camera's residual, as it moves the place where the phase is read, out of the projector's."""
-    camera, projector = in_camera @ turns[..., :2], in_projector @ turns[..., :2]
-    a, b, c, d = camera[:, 0, 0], camera[:, 0, 1], camera[:, 1, 0], camera[:, 1, 1]
-    area = a * d - b * c
-    usable = data.coupled & (np.abs(area) > _LEAST_AREA * (a * a + b * b + c * c + d * d))
-    inverse = np.stack([np.stack([d, -b], -1), np.stack([-c, a], -1)], axis=1)
-    ratio = np.where(usable, 1 / np.where(usable, area, 1.0), 0.0)
-    carried = -(projector @ inverse) * ratio[:, None, None]
-    rest, derivatives = rows.rest.copy(), rows.derivatives.copy()
-    rest[:, 2:] += np.einsum("nij,nj->ni", carried, rest[:, :2])
-    derivatives[:, 2:] += carried @ derivatives[:, :2]
-    return Rows(rest, derivatives)
+def _work(size: int) -> PointWork:
+    rows = np.zeros((4, size))
+    return PointWork(rows, np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 2)))
 
 
-def normal_equations(rows: Rows, data: BoardData) -> Normal:
-    """Sum weighted equations pose by pose and eliminate the poses."""
-    m = rows.derivatives.shape[2] - POSE
-    parts = [_pose_sums(rows, part) for part in data.slices()]
-    full, right = np.stack([p[0] for p in parts]), np.stack([p[1] for p in parts])
+def summed(state: BoardState, data: BoardData, weights: Array) -> Sums:
+    """Sum equations times (n, 4) weights, device by device and pose by pose."""
+    size, poses = len(state.shared) + POSE, len(data.starts) - 1
+    sums = Sums(np.zeros((2, poses, size, size)), np.zeros((2, poses, size)), np.zeros(2))
+    arrays = (sums.matrices, sums.rights, sums.squares)
+    sum_equations(data.starts, data.points, state.arrays, _work(size), weights, *arrays)
+    return sums
+
+
+def without_poses(sums: Sums) -> Normal:
+    """Eliminate the poses."""
+    full, right = sums.matrices.sum(axis=0), sums.rights.sum(axis=0)
+    m = full.shape[1] - POSE
     own, mixed = full[:, m:, m:], full[:, :m, m:]
     own = own + _least_weight(own)
     back = np.linalg.solve(own, np.concatenate([mixed.transpose(0, 2, 1), right[:, m:, None]], axis=2))
-    matrix = (full[:, :m, :m] - mixed @ back[..., :-1]).sum(axis=0)
-    reduced = (right[:, :m] - (mixed @ back[..., -1:])[..., 0]).sum(axis=0)
-    return Normal(matrix, reduced, float((rows.rest**2).sum()), own, right[:, m:], mixed)
-
-
-def _pose_sums(rows: Rows, part: slice) -> tuple[Array, Array]:
-    flat = rows.derivatives[part].reshape(-1, rows.derivatives.shape[2])
-    return flat.T @ flat, flat.T @ rows.rest[part].ravel()
+    gone = mixed.transpose(1, 0, 2).reshape(m, -1) @ back.reshape(-1, m + 1)
+    matrix, reduced = full[:, :m, :m].sum(axis=0) - gone[:, :m], right[:, :m].sum(axis=0) - gone[:, m]
+    return Normal(matrix, reduced, float(sums.squares.sum()), sums, own, back)
 
 
 def _least_weight(own: Array) -> Array:

@@ -1,21 +1,20 @@
 """Least squares over camera, projector, poses and the board's form: steps, wrong corners, weights, covariance."""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.numerics import robust_sd
 from fringecal.projector.board_rig.board_problem import (
-    POSE,
     BoardData,
     BoardState,
     Normal,
-    Rows,
-    normal_equations,
-    observation_rows,
+    Sums,
+    independent_residuals,
+    summed,
+    without_poses,
 )
 
 Array = NDArray[np.float64]
@@ -25,8 +24,12 @@ OUTLIER_SIGMAS = 5.0
 _HUBER_SIGMAS = 2.0  # while wrong corners are looked for: beyond it a residual counts by its size, not its square
 _LEAST_S_PX = 1e-6  # drawn points have no scatter, but rounding
 _STEPS = 30  # of one minimum; from a start by closed forms it takes five to ten
-_CONVERGED = 1e-11  # relative change of the sum of squares: of parameters some 1e-6 of their u
-_ROUNDS = 8  # of weights: they settle after three or four
+_CONVERGED = (
+    1e-8  # relative change of the sum of squares, which the next step would change by far less: it is quadratic
+)
+_FEW_STEPS, _ROUGHLY = 3, 1e-4  # of a minimum whose weights are not final
+_HUBER_SETTLED = 0.02  # relative fall of the robust standard deviations: they serve to find wrong corners alone
+_ROUNDS = 6  # of weights: they settle after two or three
 _SETTLED = 1e-3  # relative change of both standard deviations
 _FIRST_DAMPING, _DAMPING_FACTOR, _MOST_DAMPING = 1e-6, 10.0, 1e6
 
@@ -87,45 +90,63 @@ class Solution:
     squares: float
 
 
-def minimise(state: BoardState, data: BoardData, weights: Array, expected: Expected) -> tuple[BoardState, Normal]:
-    """Find the least sum of squares of weighted residuals (Levenberg and Marquardt)."""
-    damping, now = _FIRST_DAMPING, _normal(state, data, weights, expected)
-    for _ in range(_STEPS):
+def minimise(
+    state: BoardState,
+    data: BoardData,
+    weights: Array,
+    expected: Expected,
+    *,
+    steps: int = _STEPS,
+    enough: float = _CONVERGED,
+) -> tuple[BoardState, Normal]:
+    """Find the least sum of squares of weighted residuals (Levenberg and Marquardt).
+
+    Parameters
+    ----------
+    state, data, weights, expected
+        Where to start, the points, (n, 4) weights, and what is known before.
+    steps
+        At most.
+    enough
+        Relative fall of the sum of squares below which the search ends.
+    """
+    return _descent(
+        state, data, weights, expected, (steps, enough), _expecting(summed(state, data, weights), state, expected)
+    )
+
+
+def _descent(
+    state: BoardState, data: BoardData, weights: Array, expected: Expected, limits: tuple[int, float], now: Normal
+) -> tuple[BoardState, Normal]:
+    """Go down from a state whose normal equations are known already."""
+    steps, enough = limits
+    damping = _FIRST_DAMPING
+    for _ in range(steps):
         shared = _step(now, damping, expected.free)
         tried = state.moved(shared, now.pose_steps(shared))
-        then = _normal(tried, data, weights, expected)
+        then = _expecting(summed(tried, data, weights), tried, expected)
         if then.squares < now.squares:
             gain = (now.squares - then.squares) / max(now.squares, 1e-300)
             state, now, damping = tried, then, damping / _DAMPING_FACTOR
-            if gain < _CONVERGED:
+            if gain < enough:
                 break
-        elif damping > _MOST_DAMPING or _predicted(now, shared) < _CONVERGED * now.squares:
+        elif damping > _MOST_DAMPING or abs(float(shared @ now.right)) < enough * now.squares:
             break
         else:
             damping *= _DAMPING_FACTOR**2
     return state, now
 
 
-def _predicted(now: Normal, shared: Array) -> float:
-    """By how much a step should lower the sum of squares."""
-    poses = now.pose_steps(shared)
-    return float(shared @ now.right + abs((poses * now.pose_rights).sum()))
-
-
-def _normal(state: BoardState, data: BoardData, weights: Array, expected: Expected) -> Normal:
+def _expecting(sums: Sums, state: BoardState, expected: Expected) -> Normal:
     """Normal equations with what was expected of the shared parameters."""
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        found = normal_equations(observation_rows(state, data).weighted(weights), data)
+    found = without_poses(sums)
     off, weight = expected.mean - state.shared, expected.weight
     squares = found.squares + float((weight * off**2).sum())
-    squares = squares if math.isfinite(squares) else math.inf
-    return Normal(
-        found.matrix + np.diag(weight),
-        found.right + weight * off,
-        squares,
-        found.pose_matrices,
-        found.pose_rights,
-        found.mixed,
+    return replace(
+        found,
+        matrix=found.matrix + np.diag(weight),
+        right=found.right + weight * off,
+        squares=squares if math.isfinite(squares) else math.inf,
     )
 
 
@@ -135,7 +156,7 @@ def _step(now: Normal, damping: float, free: NDArray[np.bool_]) -> Array:
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     unit = matrix / np.outer(scale, scale) + damping * np.eye(len(scale))
     step = np.zeros(len(free))
-    step[free] = np.linalg.lstsq(unit, now.right[free] / scale, rcond=1e-14)[0] / scale
+    step[free] = np.linalg.solve(unit, now.right[free] / scale) / scale
     return step
 
 
@@ -150,15 +171,6 @@ def inverse_of(matrix: Array, free: NDArray[np.bool_]) -> Array:
     return found
 
 
-class _Weighing(NamedTuple):
-    """One over each stated u, which equations are used, their weights, and the standard deviations behind those."""
-
-    stated: Array
-    used: NDArray[np.bool_]
-    weights: Array
-    s: tuple[float, float]
-
-
 def solve(state: BoardState, data: BoardData, expected: Expected) -> Solution:
     """Solve with weights from the residuals, leaving out wrong corners.
 
@@ -167,32 +179,54 @@ def solve(state: BoardState, data: BoardData, expected: Expected) -> Solution:
     """
     stated = 1 / np.hstack([data.camera_u, data.projector_u])
     seen = np.hstack([data.in_camera, data.in_projector])
-    s = (1.0, 1.0)
-    used = seen
-    loss = np.ones(seen.shape)
-    for round_number in range(_ROUNDS):
-        weights = np.where(used, stated * loss / np.array([s[0], s[0], s[1], s[1]]), 0.0)
-        state, now = minimise(state, data, weights, expected)
-        rows = observation_rows(state, data)
-        last = s
-        if round_number < 2:
-            s = _robust_s(rows.rest * stated, seen)
-            loss = _huber(rows.rest * stated, s)
-            used = seen
-            continue
-        used_before = used
-        used = seen & _not_wrong(np.where(seen, rows.rest * stated, 0.0), s)
-        loss = np.ones(seen.shape)
-        if round_number == 2:
-            s = _robust_s(rows.rest * stated, used)
-            continue
-        s, dof = _by_dof(rows, data, now, expected, _Weighing(stated, used, weights, s))
-        if np.array_equal(used, used_before) and max(abs(a / b - 1) for a, b in zip(s, last, strict=True)) < _SETTLED:
+    state, scaled, s = _without_pull(state, data, expected, (stated, seen))
+    used = _not_wrong(scaled, seen, s)
+    for _ in range(_ROUNDS):
+        state, now, s, dof = _weighted(state, data, expected, (stated, used, s))
+        better = _not_wrong(np.where(seen, independent_residuals(state, data) * stated, 0.0), seen, s)
+        if np.array_equal(used, better):
             break
-    weights = np.where(used, stated / np.array([s[0], s[0], s[1], s[1]]), 0.0)
-    state, now = minimise(state, data, weights, expected)
-    rest = np.where(seen, observation_rows(state, data).rest, 0.0)
+        used = better
+    rest = np.where(seen, independent_residuals(state, data), 0.0)
     return Solution(state, inverse_of(now.matrix, expected.free), rest, used, s, dof, now.squares)
+
+
+def _weighted(
+    state: BoardState, data: BoardData, expected: Expected, known: tuple[Array, NDArray[np.bool_], tuple[float, float]]
+) -> tuple[BoardState, Normal, tuple[float, float], tuple[float, float]]:
+    """Solve with some points used, the two standard deviations by their residuals."""
+    stated, used, s = known
+    counts = int(used[:, :2].sum()), int(used[:, 2:].sum())
+    state, now = minimise(state, data, np.where(used, stated / _of_columns(s), 0.0), expected, enough=_ROUGHLY)
+    for _ in range(_ROUNDS):
+        s, dof, factors = _by_dof(now, expected, s, counts)
+        now = _expecting(now.sums.scaled(factors), state, expected)
+        weights = np.where(used, stated / _of_columns(s), 0.0)
+        state, now = _descent(state, data, weights, expected, (_STEPS, _CONVERGED), now)
+        if max(abs(factor - 1) for factor in factors) < _SETTLED:
+            break
+    return state, now, s, dof
+
+
+def _without_pull(
+    state: BoardState, data: BoardData, expected: Expected, known: tuple[Array, NDArray[np.bool_]]
+) -> tuple[BoardState, Array, tuple[float, float]]:
+    """Solve by Huber's loss about robust standard deviations; return scaled residuals too."""
+    stated, seen = known
+    scaled, squares = np.where(seen, independent_residuals(state, data) * stated, 0.0), math.inf
+    for _ in range(_ROUNDS):
+        s = _robust_s(scaled, seen)
+        weights = np.where(seen, stated * _huber(scaled, s) / _of_columns(s), 0.0)
+        state, _ = minimise(state, data, weights, expected, steps=_FEW_STEPS, enough=_ROUGHLY)
+        scaled = np.where(seen, independent_residuals(state, data) * stated, 0.0)
+        before, squares = squares, float(sum(_robust_s(scaled, seen)))
+        if squares > (1 - _HUBER_SETTLED) * before:
+            break
+    return state, scaled, _robust_s(scaled, seen)
+
+
+def _of_columns(s: tuple[float, float]) -> Array:
+    return np.array([s[0], s[0], s[1], s[1]])
 
 
 def _robust_s(scaled: Array, used: NDArray[np.bool_]) -> tuple[float, float]:
@@ -203,49 +237,32 @@ def _robust_s(scaled: Array, used: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def _huber(scaled: Array, s: tuple[float, float]) -> Array:
-    size = np.abs(scaled) / np.array([s[0], s[0], s[1], s[1]])
+    size = np.abs(scaled) / _of_columns(s)
     return np.sqrt(np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12)))
 
 
-def _not_wrong(scaled: Array, s: tuple[float, float]) -> NDArray[np.bool_]:
+def _not_wrong(scaled: Array, seen: NDArray[np.bool_], s: tuple[float, float]) -> NDArray[np.bool_]:
     """Where both coordinates of a point in a picture are within the limit."""
-    inside = np.abs(scaled) <= OUTLIER_SIGMAS * np.array([s[0], s[0], s[1], s[1]])
+    inside = np.abs(scaled) <= OUTLIER_SIGMAS * _of_columns(s)
     inside[:, :2] = inside[:, :2].all(axis=1, keepdims=True)
     inside[:, 2:] = inside[:, 2:].all(axis=1, keepdims=True)
-    return inside
+    return np.asarray(seen & inside)
 
 
 def _by_dof(
-    rows: Rows, data: BoardData, now: Normal, expected: Expected, weighing: _Weighing
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Standard deviations by the residuals and their degrees of freedom, in camera and projector.
+    now: Normal, expected: Expected, s: tuple[float, float], counts: tuple[int, int]
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
+    """Standard deviations by the residuals and their degrees of freedom, and by how much the weights change.
 
-    A residual's share of the degrees of freedom is one less its leverage (K. R. Koch, Parameter Estimation and
-    Hypothesis Testing in Linear Models, 2nd ed. 1999, 3.6: iterated estimates of variance components).
+    The parameters follow `trace(C N)` of a picture's equations, with its own part `N` of the normal equations and the
+    covariance `C` of all; the rest are its degrees of freedom (iterated estimates of variance components: K. R. Koch,
+    Parameter Estimation and Hypothesis Testing in Linear Models, 2nd ed. 1999, 3.6).
     """
-    stated, used, s = weighing.stated, weighing.used, weighing.s
-    shares = leverages(rows.derivatives * weighing.weights[..., None], data, now, expected)
-    found, dofs = [], []
-    for columns, before in ((slice(0, 2), s[0]), (slice(2, 4), s[1])):
-        here = used[:, columns]
-        dof = float((1 - shares[:, columns])[here].sum())
-        squares = float(((rows.rest * stated)[:, columns][here] ** 2).sum())
-        found.append(max(math.sqrt(squares / dof), _LEAST_S_PX) if dof >= 1 and here.any() else before)
-        dofs.append(max(dof, 1.0))
-    return (found[0], found[1]), (dofs[0], dofs[1])
-
-
-def leverages(derivatives: Array, data: BoardData, now: Normal, expected: Expected) -> Array:
-    """Leverage of every weighted equation, (n, 4): how much of it the parameters follow."""
-    m = derivatives.shape[2] - POSE
-    shared = inverse_of(now.matrix, expected.free)
-    found = np.zeros(derivatives.shape[:2])
-    for k, part in enumerate(data.slices()):
-        own = np.linalg.inv(now.pose_matrices[k])
-        back = own @ now.mixed[k].T
-        joint = derivatives[part][..., :m] - derivatives[part][..., m:] @ back
-        found[part] = np.einsum("nri,ij,nrj->nr", joint, shared, joint, optimize=True)
-        found[part] += np.einsum(
-            "nri,ij,nrj->nr", derivatives[part][..., m:], own, derivatives[part][..., m:], optimize=True
-        )
-    return found
+    joint = now.joint_covariance(inverse_of(now.matrix, expected.free))
+    found, dofs, factors = list(s), [1.0, 1.0], [1.0, 1.0]
+    for k in range(2):
+        dof = float(counts[k]) - float((joint * now.sums.matrices[k]).sum())
+        if counts[k] and dof >= 1:
+            found[k] = max(s[k] * math.sqrt(float(now.sums.squares[k]) / dof), _LEAST_S_PX)
+            dofs[k], factors[k] = dof, (s[k] / found[k]) ** 2
+    return (found[0], found[1]), (dofs[0], dofs[1]), (factors[0], factors[1])

@@ -228,19 +228,16 @@ def outside_volume(rig: BoardRig, points: RigPoints) -> NDArray[np.bool_]:
     The rig's own part of a point's u (root of the sum over x, y and z) is more than twice the largest one among the
     places where boards were.
     """
-    return _size(points.by_rig, rig) > _OUTSIDE * limit_mm(rig)
+    return _size(points.by_rig, rig) > outside_limit_mm(rig)
 
 
-def limit_mm(rig: BoardRig) -> float:
-    """Largest uncertainty, by the rig's own parameters, of places where boards were, mm; infinite if none are kept."""
+def outside_limit_mm(rig: BoardRig) -> float:
+    """Uncertainty of a point, by the rig's parameters, from which on it is outside, mm; infinite without a volume."""
     if not len(rig.volume_mm):
         return math.inf
-    place, pixels = rig.project(rig.volume_mm), rig.camera.project(rig.volume_mm)
-    if rig.axes == ("u",):
-        place[:, 1] = np.nan
-    if rig.axes == ("v",):
-        place[:, 0] = np.nan
-    return float(np.nanmax(_size(rig_points(rig, pixels, place).by_rig, rig)))
+    place = np.where([axis in rig.axes for axis in "uv"], rig.project(rig.volume_mm), np.nan)
+    points = rig_points(rig, rig.camera.project(rig.volume_mm), place)
+    return _OUTSIDE * float(np.nanmax(_size(points.by_rig, rig)))
 
 
 def _size(by_rig: Array, rig: BoardRig) -> Array:
