@@ -77,8 +77,8 @@ class Solution:
         Standard deviation of one coordinate in the camera and in the projector; over the stated u where stated.
     dof
         Degrees of freedom of either.
-    squares
-        Weighted sum of squares.
+    normal
+        Normal equations at the end, with what was expected.
     """
 
     state: BoardState
@@ -87,7 +87,7 @@ class Solution:
     used: NDArray[np.bool_]
     s_px: tuple[float, float]
     dof: tuple[float, float]
-    squares: float
+    normal: Normal
 
 
 def minimise(
@@ -188,7 +188,7 @@ def solve(state: BoardState, data: BoardData, expected: Expected) -> Solution:
             break
         used = better
     rest = np.where(seen, independent_residuals(state, data), 0.0)
-    return Solution(state, inverse_of(now.matrix, expected.free), rest, used, s, dof, now.squares)
+    return Solution(state, inverse_of(now.matrix, expected.free), rest, used, s, dof, now)
 
 
 def _weighted(

@@ -40,6 +40,11 @@ def camera_start(poses: Sequence[BoardPose], size: Size) -> tuple[Array, Array, 
     return lens, np.stack([p[0] for p in places]), np.stack([p[1] for p in places])
 
 
+def pose_start(flat: Array, seen: Array, lens: Array) -> tuple[Array, Array]:
+    """Rotation and shift of a board from its points (n, 2), mm, seen at (n, 2), px, the distortion left aside."""
+    return _placed(_centred(homography(flat, seen), lens[2:4]), lens[:2])
+
+
 def homography(flat: Array, seen: Array) -> Array:
     """Matrix (3, 3) from points of a plane (n, 2) to their pictures (n, 2), by the direct linear transform."""
     to_flat, to_seen = _normalising(flat), _normalising(seen)
