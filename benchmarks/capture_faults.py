@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from fringecal.errors import FringecalError
-from fringecal.phase import PlateLook, demodulate
+from fringecal.phase import PlateLook, demodulate, estimate_waveform
 from fringecal.session import capture_of_arrays, session_of_captures
 from fringecal.simulate import render
 from fringecal.simulate.scene.scene import Scene
@@ -52,12 +52,19 @@ class Shot:
         return float(-slope[1]), float(slope[0])
 
     def redrawn(self, raised: Array | float = 0.0, shifts: Array | None = None) -> Array:
-        """The same scene with its surface raised, or with other phase shifts: light as seen, phase by the rig."""
-        steps = self.case.phase_shifts_rad if shifts is None else shifts
-        seen, truth = demodulate(self.frames, self.case.phase_shifts_rad, max_residual=np.inf), self.case.frames
-        phase = self.case.calibration.model.phase(truth.x, truth.y, truth.z + raised)
-        wave = seen.background + np.where(truth.lit, seen.modulation, 0) * np.cos(phase + steps[:, None, None])
-        return grey(wave + 0.8 * self.rng.standard_normal(wave.shape))
+        """The same scene with its surface raised, or with other phase shifts: light and noise as seen."""
+        usual = self.case.phase_shifts_rad
+        steps = usual if shifts is None else shifts
+        seen, truth, model = (
+            demodulate(self.frames, usual, max_residual=np.inf),
+            self.case.frames,
+            self.case.calibration.model,
+        )
+        change = model.phase(truth.x, truth.y, truth.z + raised) - model.phase(truth.x, truth.y, truth.z)
+        phase = np.where(np.isfinite(seen.phase), seen.phase, 0.0)
+        light = np.where(truth.lit & np.isfinite(seen.phase), seen.modulation, 0)
+        before, after = (light * np.cos(p + s[:, None, None]) for p, s in ((phase, usual), (phase + change, steps)))
+        return grey(self.frames + after - before)
 
 
 def _plate_phase(camera, model, u, v):
@@ -341,7 +348,10 @@ def drawn(number: int, seed: int) -> Shot:
     plates = [render(case.spec, Scene(), seed=int(rng.integers(2**31))).frames for _ in range(2)]
     look = PlateLook.of(demodulate(plates[0], case.phase_shifts_rad))
     look = replace(look, phase_shifts_rad=tuple(map(float, case.phase_shifts_rad)))
-    return Shot(case.frames.frames, replace(case, calibration=replace(case.calibration, look=look)), plates[1], rng)
+    wave = estimate_waveform(plates[0], case.phase_shifts_rad)
+    return Shot(
+        case.frames.frames, replace(case, calibration=replace(case.calibration, look=look, wave=wave)), plates[1], rng
+    )
 
 
 def nuisances(shot: Shot) -> Array:

@@ -181,6 +181,9 @@ from .plate_look.look import (
 from .plate_look.look import (
     cells_of as cells_of,
 )
+from .plate_look.neighbours import (
+    neighbour_scatter as neighbour_scatter,
+)
 from .plate_look.texture import (
     texture_of as texture_of,
 )

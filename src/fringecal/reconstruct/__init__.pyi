@@ -10,6 +10,9 @@ from .against_plate.frame_faults import (
 from .against_plate.frame_faults import (
     FrameFinding as FrameFinding,
 )
+from .against_plate.frame_motion import (
+    FrameMotion as FrameMotion,
+)
 from .against_plate.picture_pose import (
     PictureHeld as PictureHeld,
 )

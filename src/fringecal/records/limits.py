@@ -53,6 +53,9 @@ class ReconstructLimits(_Table):
     picture_shift_px: Limit = 0.3  # as the grid's residual: where a surface rises by 45 deg, heights are off by as much
     contrast_percent: Limit = 10.0  # as an audit's: what blurs the fringes by so much moves edges by half a pixel
     sharpness_percent: Limit = 30.0  # of texture as fine as a pixel, which a blur of 0.5 px takes
+    frames_apart_px: Limit = 0.1  # at a line from 50 to 150 grey levels it makes 0.1 rad, and U of most heights
+    noise_percent: Limit = 10.0  # the random part of u(z) would be wrong by as much
+    harmonic: Limit = 0.03  # as an audit's
     plate_scatter_ratio: Limit = 1.5  # 1.0 to 1.2 on sound captures; a frame moved by 2 px gives 10 and more
 
 

@@ -37,6 +37,7 @@ class LookRecord(Part):
     modulation: PackedArray
     texture: PackedArray
     phase_shifts_rad: tuple[float, ...] = Field(default=(), description="as found in the plate's frames, or as stated")
+    neighbour_scatter: float | None = Field(default=None, ge=0, description="of neighbours' phases over their noise")
 
 
 def packed(values: NDArray[np.floating], step: float) -> PackedArray:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.phase.demodulation.demodulate import PhaseMap
+from fringecal.phase.plate_look.neighbours import neighbour_scatter
 from fringecal.phase.plate_look.texture import LEAST_SHARE, texture_of
 
 Array = NDArray[np.float64]
@@ -36,6 +37,8 @@ class PlateLook:
         Standard deviation of the noise in `texture`, grey levels.
     phase_shifts_rad
         Phase shifts that the frames had, rad, (N,); empty where not kept.
+    neighbour_scatter
+        Scatter of neighbours' phases over what their noise says (`neighbour_scatter`); NaN where not kept.
     """
 
     shape: tuple[int, int]
@@ -45,6 +48,7 @@ class PlateLook:
     texture: NDArray[np.float32]
     noise_levels: float
     phase_shifts_rad: tuple[float, ...] = ()
+    neighbour_scatter: float = float("nan")
 
     @classmethod
     def of(cls, seen: PhaseMap) -> "PlateLook":
@@ -73,6 +77,7 @@ class PlateLook:
             np.array(corners, np.intp).reshape(-1, 2),
             np.array(pieces, np.float32).reshape(-1, TILE_PX, TILE_PX),
             float(np.nanmedian(seen.sigma[few] * seen.modulation[few])) / 2**0.5,
+            neighbour_scatter=neighbour_scatter(seen)[0],
         )
 
 

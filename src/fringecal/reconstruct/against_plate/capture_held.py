@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fringecal.numerics import robust_sd, wrap
-from fringecal.phase import TILE_PX, PhaseMap, PlateLook, cells_of
+from fringecal.phase import TILE_PX, PhaseMap, PlateLook, cells_of, neighbour_scatter
 from fringecal.projector import RigCalibration
 from fringecal.reconstruct.against_plate.frame_faults import FrameFinding, frame_faults
+from fringecal.reconstruct.against_plate.frame_motion import FrameMotion, frame_motion
+from fringecal.reconstruct.against_plate.frame_textures import motion_by_texture
 from fringecal.reconstruct.against_plate.picture_pose import PictureHeld, picture_held
 from fringecal.reconstruct.against_plate.plate_sample import PlateSample, plate_sample
 from fringecal.reconstruct.against_plate.texture_shift import EXPECTED, TextureShift, texture_shift
@@ -39,6 +41,14 @@ class LightHeld:
 
 
 @dataclass(frozen=True)
+class NoiseHeld:
+    """Noise between neighbours on the plate, over what it was at the calibration, and its standard uncertainty."""
+
+    ratio: float
+    u_ratio: float
+
+
+@dataclass(frozen=True)
 class CaptureHeld:
     """A capture beside the bare plate of its calibration.
 
@@ -56,6 +66,10 @@ class CaptureHeld:
         How the picture must be turned back to show the plate, a key of `TURNS`; empty if it need not.
     frames
         Frames that disagree with the others; empty where none does, or where no frames were given.
+    motion
+        How far the frames lie from one another; None where neither residuals nor texture show it.
+    noise
+        Noise between neighbours; None where too little plate is seen, or the calibration did not keep it.
     """
 
     sample: PlateSample
@@ -64,6 +78,8 @@ class CaptureHeld:
     light: LightHeld | None
     turned: str
     frames: tuple[FrameFinding, ...] = ()
+    motion: FrameMotion | None = None
+    noise: NoiseHeld | None = None
 
     @property
     def texture_expected(self) -> bool:
@@ -90,15 +106,36 @@ def capture_held(
         Its frames, grey levels, (N, H, W), and the weights of its scheme, (3, N); without them no frame is judged.
     """
     sample, look = plate_sample(phase_map, calibration), calibration.look
-    known = look is not None and look.shape == phase_map.phase.shape
+    known = look if look is not None and look.shape == phase_map.phase.shape else None
     return CaptureHeld(
         sample,
         picture_held(sample) if sample.seen else None,
-        texture_shift(phase_map, look, _shown(look, sample)) if known and look is not None else None,
-        _light(phase_map, look, sample) if known and look is not None and sample.seen else None,
+        None if known is None else texture_shift(phase_map, known, _shown(known, sample)),
+        None if known is None or not sample.seen else _light(phase_map, known, sample),
         _turned(phase_map, sample),
         () if frames is None or weights is None else frame_faults(frames, phase_map, weights, sample),
+        None if frames is None or weights is None else _motion(frames, weights, phase_map, calibration, sample),
+        None if known is None or not sample.seen else _noise(phase_map, known, sample),
     )
+
+
+def _motion(
+    frames: NDArray[np.generic], weights: Array, phase_map: PhaseMap, calibration: RigCalibration, sample: PlateSample
+) -> FrameMotion | None:
+    """Find how far frames lie from one another: by residuals, or of three frames by the plate's texture."""
+    found, look = frame_motion(frames, phase_map, weights, sample), calibration.look
+    if found is not None or look is None or look.shape != phase_map.phase.shape or not sample.seen:
+        return found
+    return motion_by_texture(frames, phase_map, calibration, look, _shown(look, sample))
+
+
+def _noise(phase_map: PhaseMap, look: PlateLook, sample: PlateSample) -> NoiseHeld | None:
+    """Compare the noise between neighbours on the plate with the calibration's."""
+    down, across = np.nonzero(sample.plate)
+    scatter, u = neighbour_scatter(phase_map, sample.v_px[down], sample.u_px[across])
+    if not (np.isfinite(scatter) and np.isfinite(look.neighbour_scatter) and look.neighbour_scatter > 0):
+        return None
+    return NoiseHeld(scatter / look.neighbour_scatter, u / look.neighbour_scatter)
 
 
 def _shown(look: PlateLook, sample: PlateSample) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import robust_sd
 from fringecal.phase import PhaseMap
+from fringecal.reconstruct.against_plate.moved_rows import moved_rows
 from fringecal.reconstruct.against_plate.plate_sample import PlateSample
 
 Array = NDArray[np.float64]
@@ -43,6 +44,7 @@ class FrameFault(Enum):
     EMPTY_ROWS = "empty rows"
     COMPRESSED = "compressed"
     MOVED = "moved"
+    ROWS_MOVED = "moved rows"
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,7 @@ def frame_faults(
     have no residual of their own. A frame that moved shows the gradient of the plate's texture
     in place of e.
     """
-    rows = (*_stale_rows(frames, phase_map), *_empty_rows(frames))
+    rows = (*_stale_rows(frames, phase_map), *_empty_rows(frames), *_unsteady_rows(frames))
     light = () if rows or not sample.seen else _light(phase_map, weights, sample)
     moved = () if not sample.seen else _moved(phase_map, weights, sample)
     return (*rows, *light, *moved, *_compressed(frames))
@@ -247,6 +249,12 @@ def _empty_rows(frames: NDArray[np.generic]) -> Iterator[FrameFinding]:
     for frame, values in enumerate(rows):
         for top, bottom in _runs(lit & (values < _EMPTY * usual), 1):
             yield FrameFinding(FrameFault.EMPTY_ROWS, frame, 0.0, (0, frames.shape[2] - 1, top, bottom))
+
+
+def _unsteady_rows(frames: NDArray[np.generic]) -> Iterator[FrameFinding]:
+    """Find frames of which single rows lie aside."""
+    for frame, px, rows in moved_rows(frames):
+        yield FrameFinding(FrameFault.ROWS_MOVED, frame, px, (0, frames.shape[2] - 1, int(rows[0]), int(rows[-1])))
 
 
 def _runs(marked: NDArray[np.bool_], least: int) -> Iterator[tuple[int, int]]:

@@ -116,6 +116,15 @@ def _usual(step_rad: Array) -> float:
     return float(wrap(top + np.median(around[np.abs(around) < 3 * np.pi / _BINS])))
 
 
+def plate_phase(calibration: RigCalibration) -> RectBivariateSpline:
+    """Return the bare plate's phase by the calibration, rad, as a function of rows and columns."""
+    camera = calibration.camera
+    at_u = np.linspace(0, camera.width_px - 1, _NODES[0])
+    at_v = np.linspace(0, camera.height_px - 1, _NODES[1])
+    rays = camera.rays(*np.meshgrid(at_u, at_v))
+    return RectBivariateSpline(at_v, at_u, calibration.model.phase(*rays.at(0.0), 0.0), kx=_DEGREE, ky=_DEGREE)
+
+
 def _plate_phase(calibration: RigCalibration, u: NDArray[np.intp], v: NDArray[np.intp]) -> tuple[Array, ...]:
     """Return the plate's phase on the sample, its changes by a pixel along rows and columns, and by height."""
     camera = calibration.camera
@@ -123,6 +132,6 @@ def _plate_phase(calibration: RigCalibration, u: NDArray[np.intp], v: NDArray[np
     at_v = np.linspace(0, camera.height_px - 1, _NODES[1])
     rays = camera.rays(*np.meshgrid(at_u, at_v))
     low, high = (calibration.model.phase(*rays.at(z), z) for z in (-_RAISE_MM, _RAISE_MM))
-    flat = RectBivariateSpline(at_v, at_u, calibration.model.phase(*rays.at(0.0), 0.0), kx=_DEGREE, ky=_DEGREE)
+    flat = plate_phase(calibration)
     by_height = RectBivariateSpline(at_v, at_u, (high - low) / (2 * _RAISE_MM))
     return flat(v, u), flat(v, u, dy=1), flat(v, u, dx=1), by_height(v, u)

@@ -1,6 +1,7 @@
 """Displacement of a picture against the calibration's, told by the plate's texture."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,16 @@ _LEAST_OVERLAP = 0.25  # of a piece, below which a displacement of it is not loo
 
 
 @dataclass(frozen=True)
+class PartsApart:
+    """Two parts of a picture that were displaced differently: px, its standard uncertainty, and where they meet."""
+
+    px: float
+    u_px: float
+    along: str
+    at_px: int
+
+
+@dataclass(frozen=True)
 class TextureShift:
     """Where the texture of the calibration's plate is found in a capture.
 
@@ -45,6 +56,8 @@ class TextureShift:
         uncertainty; 1 if neither blur nor another plate.
     by_piece
         Places (u, v) and displacements (du, dv) of single pieces that are clear by themselves, px, (n, 4).
+    torn
+        How far two parts of the picture lie from one another, both found by themselves; None where no two are.
     """
 
     du_px: float
@@ -57,6 +70,7 @@ class TextureShift:
     sharpness: float
     u_sharpness: float
     by_piece: Array
+    torn: "PartsApart | None" = None
 
     @property
     def found(self) -> bool:
@@ -90,7 +104,7 @@ def texture_shift(phase_map: PhaseMap, look: PlateLook, plate: NDArray[np.bool_]
     total, weight = cross.sum(axis=0), power.sum(axis=0)
     z = total / np.sqrt(np.maximum(weight, 1e-30))
     row, column = (int(k) for k in np.unravel_index(int(np.argmax(z)), z.shape))
-    du, dv, u = _summit(z, row, column)
+    du, dv, u = summit(z, row, column)
     middle = REACH_PX
     brightness = _brightness(phase_map, look)
     held = float(power[shows, middle, middle].sum())
@@ -102,24 +116,67 @@ def texture_shift(phase_map: PhaseMap, look: PlateLook, plate: NDArray[np.bool_]
     shown = found / max(known, 1e-30) ** 0.5 if shows.any() else 0.0
     sharpness = _sharpness(amplitude, shown, look)
     at_rest, pieces_found = float(z[middle, middle]), _by_piece(cross, power, look)
-    return TextureShift(du, dv, u, float(z[row, column]), at_rest, shown, expected, *sharpness, pieces_found)
+    torn = _parts_apart(cross, power, look)
+    return TextureShift(du, dv, u, float(z[row, column]), at_rest, shown, expected, *sharpness, pieces_found, torn)
+
+
+def _parts_apart(cross: Array, power: Array, look: PlateLook) -> PartsApart | None:
+    """Return which two parts of the picture, one beside or above the other, lie furthest apart by their uncertainty."""
+    found = []
+    for axis, along in ((1, "row"), (0, "column")):
+        at = look.corners_px[:, axis]
+        for first, second in pairwise(np.unique(at)):
+            parts = [_peak(cross[part].sum(axis=0), power[part].sum(axis=0)) for part in (at <= first, at >= second)]
+            if all(part is not None for part in parts):
+                (du, dv, u), (du2, dv2, u2) = (part for part in parts if part is not None)
+                seam = int(first + second + TILE_PX) // 2
+                found.append(PartsApart(float(np.hypot(du - du2, dv - dv2)), float(np.hypot(u, u2)), along, seam))
+    return max(found, key=lambda one: one.px / one.u_px) if found else None
+
+
+def _peak(total: Array, weight: Array) -> tuple[float, float, float] | None:
+    """Return displacement and uncertainty of a clear peak."""
+    z = total / np.sqrt(np.maximum(weight, 1e-30))
+    row, column = (int(k) for k in np.unravel_index(int(np.argmax(z)), z.shape))
+    return summit(z, row, column) if z[row, column] >= CLEAR else None
 
 
 def _correlated(phase_map: PhaseMap, look: PlateLook, number: int) -> tuple[Array, Array, float]:
     """Return correlation and power of one piece over all displacements (dv, du), and its pixels, all over variance."""
-    height, width = phase_map.phase.shape
+    place = piece_window(look, number, phase_map.phase.shape)
+    return correlated(texture_of(phase_map.background[place], phase_map.phase[place]), look, number)
+
+
+def piece_window(look: PlateLook, number: int, shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return the part of the picture in which one piece is looked for."""
     u, v = look.corners_px[number]
+    top, left = max(v - REACH_PX, 0), max(u - REACH_PX, 0)
+    return slice(top, min(v + TILE_PX + REACH_PX, shape[0])), slice(left, min(u + TILE_PX + REACH_PX, shape[1]))
+
+
+def correlated(seen: NDArray[np.float32], look: PlateLook, number: int) -> tuple[Array, Array, float]:
+    """Correlate the texture of one piece with a window of a picture.
+
+    Parameters
+    ----------
+    seen
+        Texture of the window, NaN where it is not seen.
+    look, number
+        The plate at its calibration, and which of its pieces.
+
+    Returns
+    -------
+    tuple
+        Correlation and power over all displacements (dv, du), and the piece's pixels, all over the variance.
+    """
     side, reach = TILE_PX + 2 * REACH_PX, REACH_PX
-    top, left = max(v - reach, 0), max(u - reach, 0)
-    place = np.s_[top : min(v + TILE_PX + reach, height), left : min(u + TILE_PX + reach, width)]
-    seen = texture_of(phase_map.background[place], phase_map.phase[place])
     known = np.isfinite(seen)
     none = np.zeros((2 * reach + 1,) * 2)
     if known.mean() < _LEAST_OVERLAP:
         return none, none, 0.0
     window, mask = np.zeros((side, side), np.float32), np.zeros((side, side), np.float32)
-    at = np.s_[top - v + reach :, left - u + reach :]
-    inside = (slice(at[0].start, at[0].start + seen.shape[0]), slice(at[1].start, at[1].start + seen.shape[1]))
+    down, across = (max(reach - int(k), 0) for k in look.corners_px[number][::-1])
+    inside = (slice(down, down + seen.shape[0]), slice(across, across + seen.shape[1]))
     window[inside], mask[inside] = np.where(known, seen, 0.0), known
     variance = float(np.mean(seen[known] ** 2)) or 1.0
     piece = np.nan_to_num(look.texture[number])
@@ -132,8 +189,8 @@ def _correlated(phase_map: PhaseMap, look: PlateLook, number: int) -> tuple[Arra
     return np.asarray(cross, float), np.maximum(np.asarray(power, float), 0.0), float(covered.sum()) / variance
 
 
-def _summit(z: Array, row: int, column: int) -> tuple[float, float, float]:
-    """Return the place of the peak between the samples along u and v, and its standard uncertainty, px."""
+def summit(z: Array, row: int, column: int) -> tuple[float, float, float]:
+    """Return the displacement of the peak near a sample along u and v, and the standard uncertainty of each, px."""
     half = z * np.abs(z) / 2
     (du, bend_u), (dv, bend_v) = _vertex(half[row, :], column), _vertex(half[:, column], row)
     bend = min(bend_u, bend_v)
@@ -171,6 +228,6 @@ def _by_piece(cross: Array, power: Array, look: PlateLook) -> Array:
         z = c / np.sqrt(np.maximum(p, 1e-30))
         row, column = np.unravel_index(int(np.argmax(z)), z.shape)
         if z[row, column] >= CLEAR:
-            du, dv, _ = _summit(z, int(row), int(column))
+            du, dv, _ = summit(z, int(row), int(column))
             rows.append((u + TILE_PX / 2, v + TILE_PX / 2, du, dv))
     return np.array(rows).reshape(-1, 4)

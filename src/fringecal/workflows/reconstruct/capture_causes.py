@@ -119,6 +119,11 @@ def _of_frame(found: FrameFinding) -> str:
             return f"frame {frame} does not fit the others all over the plate: it moved, or its light or shift changed"
         case FrameFault.MOVED:
             return f"frame {frame} lies about {found.size:.1f} px from the others: something moved between the frames"
+        case FrameFault.ROWS_MOVED:
+            return (
+                f"single rows of frame {frame} lie about {found.size:.1f} px aside of their neighbours (between rows "
+                f"{top} and {bottom}): camera or frame grabber lost the line's synchronism"
+            )
         case FrameFault.STALE_ROWS:
             return f"rows {top} to {bottom} of frame {frame} repeat frame {found.size + 1:.0f}"
         case FrameFault.EMPTY_ROWS:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fringecal.numerics import wrap
+from fringecal.phase import Waveform
 from fringecal.reconstruct import Reason, VisiblePlate, visible_plate
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
@@ -19,12 +20,15 @@ from fringecal.workflows.reconstruct.capture_causes import (
     sharpness_lost,
     texture_lost,
 )
+from fringecal.workflows.reconstruct.frames_together import causes_in_frames, frame_checks
 from fringecal.workflows.reconstruct.run import Measurement, near_plate_mm
 from fringecal.workflows.shared import judged
 
 _BELOW_PERCENT = 2.0  # of the heights: a scrap of a wrong order is not the capture's fault
 # Overexposed by 2.2, a capture has 20 % left and these right; compressed or displaced until 2 % are left, wrong ones.
 _LEAST_VALID_PERCENT = 20.0
+_BEYOND_U = 6.0  # standard uncertainties of a height, 3 U: a plate that rises by more makes heights wrong
+_LEAST_RISE_MM = 0.05  # that light from an object and the plate's own form may feign
 _ANYTHING = (
     "the plate in view does not lie as it was calibrated: plate, camera or projector moved or bent, or frames are in "
     "another order"
@@ -53,7 +57,14 @@ def measurement_causes(found: Measurement, limits: Limits = DEFAULT_LIMITS) -> t
         return ()
     fatal = (f"{one.kind.text}: {one.what}" for one in found.diagnosed.findings if one.kind.fatal)
     shifted = _shifted_frame(found, limits)
-    causes = (*fatal, *shifted, *_few_heights(found), *causes_of(found.held, limits, tied=found.tied is not None))
+    apart = causes_in_frames(found.held, *_waves(found), limits)
+    causes = (
+        *fatal,
+        *shifted,
+        *apart,
+        *_few_heights(found),
+        *causes_of(found.held, limits, tied=found.tied is not None),
+    )
     return causes or (_ANYTHING,)
 
 
@@ -93,9 +104,15 @@ def _plate_checks(found: Measurement, limits: Limits) -> tuple[Check, ...]:
     )
     return (
         height,
-        _below("plate beside the object: rise over the field", plate.rise_mm, own.plate_rise_mm, "mm"),
+        _below("plate beside the object: rise over the field", plate.rise_mm, _rise_limit_mm(found, limits), "mm"),
         _below("plate beside the object: scatter", plate.scatter_ratio, own.plate_scatter_ratio, ""),
     )
+
+
+def _rise_limit_mm(found: Measurement, limits: Limits) -> float:
+    """Return how much the plate may rise: as stated, or what takes heights beyond three of their U if that is less."""
+    u_z = found.surface.u_z[found.surface.mask]
+    return min(limits.reconstruct.plate_rise_mm, max(_BEYOND_U * float(np.median(u_z)), _LEAST_RISE_MM))
 
 
 def _tied_checks(plate: VisiblePlate, limits: Limits) -> tuple[Check, ...]:
@@ -179,6 +196,7 @@ def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
     """Judge where the picture lies, and how sharp it is."""
     held = found.held
     yield _frames_check(found, limits)
+    yield from frame_checks(held, *_waves(found), limits)
     yield _displacement_check(found, limits)
     if held.light is not None:
         yield Check(
@@ -200,6 +218,11 @@ def _picture_checks(found: Measurement, limits: Limits) -> Iterator[Check]:
             decision="fail" if sharpness_lost(held, limits) else "pass",
             rule="by how much the amplitude of the plate's texture fell since the calibration",
         )
+
+
+def _waves(found: Measurement) -> tuple[Waveform | None, Waveform | None]:
+    """Return the waveform of the capture's fringes and that of the calibration's, where known."""
+    return found.phase.adapted.found_wave, found.calibration.wave
 
 
 def _shifted_frame(found: Measurement, limits: Limits) -> tuple[str, ...]:

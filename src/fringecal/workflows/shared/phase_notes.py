@@ -87,6 +87,7 @@ def look_record(look: PlateLook | None) -> LookRecord | None:
         corners_px=tuple((int(u), int(v)) for u, v in look.corners_px),
         noise_levels=look.noise_levels,
         phase_shifts_rad=look.phase_shifts_rad,
+        neighbour_scatter=look.neighbour_scatter if np.isfinite(look.neighbour_scatter) else None,
         texture=packed(look.texture, step),
         **{name: packed(part, unit) for name, (part, unit) in lights.items()},
     )
@@ -112,6 +113,7 @@ def look_of(written: LookRecord | None) -> PlateLook | None:
         unpacked(written.texture).astype(np.float32),
         written.noise_levels,
         written.phase_shifts_rad,
+        float("nan") if written.neighbour_scatter is None else written.neighbour_scatter,
     )
 
 
