@@ -77,7 +77,7 @@ def frame_checks(held: CaptureHeld, wave: Waveform | None, usual: Waveform | Non
     torn = None if held.texture is None else held.texture.torn
     if torn is not None:
         yield Check(
-            name="picture: parts against one another",
+            name="picture: displacement of a part",
             value=torn.px,
             u=torn.u_px,
             limit=own.picture_shift_px,
@@ -112,7 +112,7 @@ def frame_checks(held: CaptureHeld, wave: Waveform | None, usual: Waveform | Non
 
 def _motion_check(motion: FrameMotion | None, limits: Limits) -> Check:
     """Judge how far frames lie from one another; without residuals and texture say that nothing could be seen."""
-    name, limit = "frames: displacement against one another", limits.reconstruct.frames_apart_px
+    name, limit = "frames: displacement of a single frame", limits.reconstruct.frames_apart_px
     if motion is None:
         rule = "could not be seen: three frames leave no residual, and the plate shows no texture in each of them"
         return Check(name=name, decision="info", rule=rule)
