@@ -3,11 +3,11 @@
     python benchmarks/fuzz_readers.py [cases] [first seed]
 
 Each case is drawn from its seed: a format (session, target, rig, limits, laboratory, record, camera model, its solve,
-table) whose good file is damaged in bytes, in numbers or in structure, or a command line of real verbs and options
-with values that make no sense. A case is wrong where the command ends in a traceback, with another exit code than 0,
-1, 2 or 3, by a signal, after more than SLOWEST_S, or without naming the file. Blocks of cases run in processes of their
-own, so that a crash of the interpreter costs one block and is counted. It prints counts by kind and every wrong case
-with its seed.
+calibrations of other programs, lists of places, table) whose good file is damaged in bytes, in numbers or in structure,
+or a command line of real verbs and options with values that make no sense. A case is wrong where the command ends in a
+traceback, with another exit code than 0, 1, 2 or 3, by a signal, after more than SLOWEST_S, or without naming the file.
+Blocks of cases run in processes of their own, so that a crash of the interpreter costs one block and is counted. It
+prints counts by kind and every wrong case with its seed.
 """
 
 import base64
@@ -144,6 +144,19 @@ def solved_model() -> tuple[str, dict[str, object]] | None:
         return Path(f"{folder}/l.cameramodel").read_text(encoding="utf-8"), inputs
 
 
+def stated_pairs() -> dict[str, bytes]:
+    """Return a camera and a projector in every format that is written."""
+    from fringecal.camera import Lens
+    from fringecal.projector import StatedPair
+    from fringecal.records import write_pair
+
+    values = np.array([800.0, 801, 321, 238, -0.1, 0.02, 0.001, -0.002, 0.01])
+    lens = Lens(values, np.eye(9) * 1e-6, 640, 480)
+    with tempfile.TemporaryDirectory() as folder:
+        files = write_pair(folder, StatedPair(lens, lens, np.eye(3), np.array([-100.0, 1.0, 2.0])))
+        return {file.name: file.read_bytes() for file in files}
+
+
 def damaged_solve(text: str, inputs: dict[str, object], rng: random.Random) -> bytes:
     """Damage the arrays of a camera model's solve: away, of another shape or kind, or with senseless numbers."""
     changed = dict(inputs)
@@ -172,6 +185,9 @@ def damaged_solve(text: str, inputs: dict[str, object], rng: random.Random) -> b
 
 
 LIMITS = "format = 1\nlevel = 0.9\n[commission]\nangle_u_deg = 0.4\n[audit]\nscale_percent = 0.2\n"
+PLACES = "pose,camera_u_px,camera_v_px,projector_u_px,projector_v_px,x_mm,y_mm\n" + "".join(
+    f"{k // 4},{10 * k},{20 * k},{30 * k},{40 * k},{5 * k},0\n" for k in range(12)
+)
 TABLE = "rig,captured,quantity,value,u,unit\nbench,2026-11-22T10:00:00Z,scale,0.7340,0.0004,mm/px\n" * 1 + "".join(
     f"bench,2026-11-{day}T10:00:00Z,scale,0.734{day},0.0004,mm/px\n" for day in range(10, 20)
 )
@@ -291,6 +307,7 @@ class Bench:
         self.targets = [file.read_bytes() for file in sorted((ROOT / "targets").glob("*.toml"))]
         self.rigs = [file.read_bytes() for file in sorted(RIGS.glob("*.toml"))]
         self.solve = solved_model()
+        self.pairs = stated_pairs()
         self._restore()
         self.kinds: dict[str, Callable[[random.Random], None]] = {
             "session": self._session,
@@ -304,6 +321,8 @@ class Bench:
             "record again": self._again,
             "camera model": self._lens,
             "camera model's solve": self._solve,
+            "stated pair": self._pair,
+            "given places": self._places,
             "table": self._table,
             "command line": self._line,
         }
@@ -396,6 +415,36 @@ class Bench:
         text, inputs = self.solve
         content = damaged_solve(text, inputs, rng) if rng.random() < 0.7 else damaged(text.encode(), rng)
         reader(read_lens, self._written("s.cameramodel", content), "s.cameramodel")
+
+    def _pair(self, rng: random.Random) -> None:
+        from fringecal.records import read_stated
+
+        name = rng.choice(sorted(self.pairs))
+        both = {"camera.cameramodel": "projector.cameramodel", "camera.yaml": "projector.yaml"}
+        self._written(name, damaged(self.pairs[name], rng))
+        names = [name]
+        if name in both:
+            self._written(both[name], self.pairs[both[name]])
+            names.append(both[name])
+        size = (1920, 1080)
+        reader(
+            lambda _: read_stated([self.folder / each for each in names], camera_size=size, projector_size=size),
+            "",
+            name,
+        )
+
+    def _places(self, rng: random.Random) -> None:
+        from fringecal.records import read_point_pairs
+
+        if rng.random() < 0.5:
+            content, name = damaged(PLACES.encode(), rng), "places.csv"
+        else:
+            packed = io.BytesIO()
+            places = np.zeros(rng.choice(((2, 5, 2), (5, 2), (2, 5, 3), (0, 5, 2), (2,))))
+            np.savez_compressed(packed, camera_px=places, projector_px=places, board_mm=np.zeros((5, 3)))
+            content, name = packed.getvalue(), "places.npz"
+            content = damaged(content, rng) if rng.random() < 0.7 else content
+        reader(read_point_pairs, self._written(name, content), name)
 
     def _table(self, rng: random.Random) -> None:
         file = self._written("t.csv", damaged(TABLE.encode(), rng))

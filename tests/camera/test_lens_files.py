@@ -13,11 +13,10 @@ from fringecal.errors import FitError, RecordError
 from fringecal.records.exports.cameramodel import (
     cameramodel_text,
     opencv_text,
-    parse_lens,
-    read_lens,
     rich_lens_text,
     write_lens,
 )
+from fringecal.records.foreign.lens_files import parse_lens, read_lens
 
 VALUES = np.array([800.0, 801.0, 321.0, 238.0, -0.1, 0.02, 0.001, -0.002, 0.01])
 SIGMAS = np.array([1.5, 1.5, 0.8, 0.8, 2e-3, 4e-3, 1e-4, 1e-4, 1e-3])

@@ -11,7 +11,7 @@ from fringecal.camera.lens import mrcal_wall
 from fringecal.camera.lens.brown_lens import Lens
 from fringecal.camera.lens.lens_solve import Way, solve_lens
 from fringecal.errors import RecordError
-from fringecal.records.exports.cameramodel import parse_lens
+from fringecal.records.foreign.lens_files import parse_lens
 
 mrcal = pytest.importorskip("mrcal")
 NOISE_PX = 0.1

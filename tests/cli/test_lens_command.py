@@ -6,7 +6,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from fringecal.records.exports.cameramodel import read_lens
+from fringecal.records import read_lens
 from fringecal.records.schemas import published_schema
 
 PICTURES = sorted((Path(__file__).parents[1] / "data" / "opencv_chess_left").glob("*.jpg"))[:5]

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 import typer
 from PIL import Image
+from scipy.spatial.transform import Rotation
 
 from fringecal.cli.app import build_app
 
@@ -235,8 +236,27 @@ def prepare(folder: Path) -> None:
         grey = Image.open(picture)
         grey.crop((0, grey.height // 4, grey.width, 3 * grey.height // 4)).save(folder / picture.name)
     shutil.copy(DATA / "discorpy_grids" / "dot_pattern_05_crop.png", folder / "dots.png")
+    (folder / "places.csv").write_text(places(), encoding="utf-8")
     page = (ROOT / "docs" / "certificate.md").read_text(encoding="utf-8")
     (folder / "lab.toml").write_text(re.search(r"```toml\n(.*?)```", page, flags=re.DOTALL)[1], encoding="utf-8")
+
+
+def places() -> str:
+    """A board's points in eight poses, as a camera and a projector without distortion have them, 0.02 px of noise."""
+    rng = np.random.default_rng(5)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.arange(9) * 12.0, np.arange(7) * 12.0))
+    board = np.column_stack([x - 48, y - 36, 0 * x])
+    aside = Rotation.from_rotvec([-0.1, 0.3, 0.0])
+    rows = ["pose,camera_u_px,camera_v_px,projector_u_px,projector_v_px,x_mm,y_mm"]
+    for k in range(8):
+        turn = Rotation.from_euler("xyz", [25 * np.cos(k), 25 * np.sin(k), 20 * k], degrees=True)
+        points = turn.apply(board) + [*rng.uniform(-25, 25, 2), rng.uniform(470, 560)]
+        lit = aside.apply(points - [150.0, -5.0, 10.0])
+        seen = 1750 * points[:, :2] / points[:, 2:] + [645, 530]
+        shown = 2500 * lit[:, :2] / lit[:, 2:] + [990, 1047]
+        numbers = np.column_stack([np.hstack([seen, shown]) + rng.normal(0, 0.02, (len(points), 4)), board[:, :2]])
+        rows += [f"{k}," + ",".join(f"{number:.4f}" for number in row) for row in numbers]
+    return "\n".join(rows) + "\n"
 
 
 def with_pictures(words: list[str], folder: Path) -> list[str]:

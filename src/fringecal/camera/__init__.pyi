@@ -40,6 +40,12 @@ from .lens.brown_lens import (
 from .lens.brown_lens import (
     Lens as Lens,
 )
+from .lens.lens_doubts import (
+    Doubt as Doubt,
+)
+from .lens.lens_doubts import (
+    lens_doubts as lens_doubts,
+)
 from .lens.lens_fit import (
     MIN_VIEWS as MIN_VIEWS,
 )

@@ -27,6 +27,10 @@ HELP = """Fit the full lens to several pictures of a board, with its uncertainty
 SOURCE is a session folder with a capture of kind board, or the pictures with --target (a shipped name or a file).
 Writes lens.json, lens.cameramodel, lens.yml, tables, figures and report.html into DIR.
 
+SOURCE may also be a calibration that another program made, of a camera or of a camera and a projector (one file, or the
+camera's and the projector's), or a list of places on a board in both (CSV, npz): it is judged, exit code 3 where it is
+not to be trusted, and DIR gets pair.json and the calibration in every format (docs/camera.md).
+
 Example: fringecal lens bench/2026-11-22/board-*.png --target chessboard-9x6-25mm --out lens
 """
 SOLVERS = ("auto", "mrcal", "opencv")
@@ -57,15 +61,32 @@ def lens(
     channel: str | None = typer.Option(
         None, "--channel", help="Colour pictures: mean, red, green, blue or luma; else the one that shows most."
     ),
+    camera_size: str | None = typer.Option(None, "--camera-size", help="Picture of a stated camera: WIDTHxHEIGHT, px."),
+    projector_size: str | None = typer.Option(
+        None, "--projector-size", help="Frame of a stated projector: WIDTHxHEIGHT, px."
+    ),
+    unit: str | None = typer.Option(None, "--unit", help="Unit of a stated pose: mm, m or in; mm, of ROS m."),
+    pixel_aspect: float | None = typer.Option(
+        None, "--pixel-aspect", help="Width over height of the projector's pixel; else 1, 0.5 or 2 pass."
+    ),
+    pairs: Path | None = typer.Option(None, "--pairs", help="Places that belong together, to judge the pair by."),
     out: Path | None = typer.Option(None, "--out", help="Folder for the results."),
-    as_json: bool = typer.Option(False, "--json", help="Print one JSON document (fringecal-lens/1)."),
+    as_json: bool = typer.Option(
+        False, "--json", help="Print one JSON document (fringecal-lens/1; of a stated calibration fringecal-pair/1)."
+    ),
 ) -> None:
-    """Load, fit, save, print."""
+    """Load, fit or judge, save, print."""
     from fringecal.calibration import KnownLens
+    from fringecal.cli.shared.stated_files import StatedOptions, are_stated, judge_stated
     from fringecal.records import LensDocument, software_versions, written_document
     from fringecal.workflows.lens import lens_record, lens_report
 
     _demand(solver, model, distance_mm, out)
+    options = StatedOptions(camera_size, projector_size, unit, pixel_aspect, pairs)
+    if are_stated(source):
+        judge_stated(source, options, out, as_json=as_json)
+        return
+    options.demand_none()
     demand_channel(channel)
     given = [*(["--target", target] if target else []), *(["--channel", channel] if channel else [])]
     command = command_line("lens", [*source, *given])

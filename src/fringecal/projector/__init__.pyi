@@ -250,3 +250,24 @@ from .standards.strip_spacing import (
 from .standards.strip_spacing import (
     strip_spacing as strip_spacing,
 )
+from .stated.pair_doubts import (
+    PairsFound as PairsFound,
+)
+from .stated.pair_doubts import (
+    PointPairs as PointPairs,
+)
+from .stated.pair_doubts import (
+    doubts_by_pairs as doubts_by_pairs,
+)
+from .stated.pair_doubts import (
+    judge_pairs as judge_pairs,
+)
+from .stated.pair_doubts import (
+    pair_doubts as pair_doubts,
+)
+from .stated.stated_pair import (
+    StatedPair as StatedPair,
+)
+from .stated.stated_pair import (
+    stated_from_rig as stated_from_rig,
+)

@@ -98,12 +98,6 @@ from .exports.cameramodel import (
     CAMERAMODEL_FILE as CAMERAMODEL_FILE,
 )
 from .exports.cameramodel import (
-    lens_of_bytes as lens_of_bytes,
-)
-from .exports.cameramodel import (
-    read_lens as read_lens,
-)
-from .exports.cameramodel import (
     rich_lens_text as rich_lens_text,
 )
 from .exports.cameramodel import (
@@ -153,6 +147,39 @@ from .files import (
 )
 from .files import (
     write_text as write_text,
+)
+from .foreign.lens_files import (
+    lens_of_bytes as lens_of_bytes,
+)
+from .foreign.lens_files import (
+    read_lens as read_lens,
+)
+from .foreign.point_pairs import (
+    MOST_PAIRS_FILE as MOST_PAIRS_FILE,
+)
+from .foreign.point_pairs import (
+    read_point_pairs as read_point_pairs,
+)
+from .foreign.read_pair import (
+    read_pair as read_pair,
+)
+from .foreign.read_pair import (
+    read_stated as read_stated,
+)
+from .foreign.stated_record import (
+    PAIR_FILE as PAIR_FILE,
+)
+from .foreign.stated_record import (
+    DoubtRecord as DoubtRecord,
+)
+from .foreign.stated_record import (
+    PairDocument as PairDocument,
+)
+from .foreign.stated_record import (
+    PairsRecord as PairsRecord,
+)
+from .foreign.write_pair import (
+    write_pair as write_pair,
 )
 from .kinds_of_record import (
     Record as Record,

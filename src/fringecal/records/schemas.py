@@ -10,6 +10,7 @@ from pydantic import BaseModel
 from fringecal.records.audit_record import AuditRecord
 from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.records.files import write_text
+from fringecal.records.foreign.stated_record import PairDocument
 from fringecal.records.lens_record import LensDocument
 from fringecal.records.verification_record import VerificationRecord
 
@@ -17,6 +18,7 @@ SCHEMAS: dict[str, type[BaseModel]] = {
     "audit": AuditRecord,
     "calibration": CalibrationRecord,
     "lens": LensDocument,
+    "pair": PairDocument,
     "verification": VerificationRecord,
 }
 _DIALECT = "https://json-schema.org/draft/2020-12/schema"

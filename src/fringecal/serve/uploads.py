@@ -10,7 +10,7 @@ from typing import BinaryIO
 from fringecal.serve.access import Refused
 from fringecal.session import FILE_NAME, joined
 
-SUFFIXES = (".toml", ".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".cameramodel", ".yml", ".yaml")
+SUFFIXES = (".toml", ".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg", ".cameramodel", ".yml", ".yaml", ".xml", ".mat")
 _LONGEST_NAME = 120  # letters: half of what file systems take, so that a folder and a suffix of ours fit beside it
 _CHUNK = 1 << 20  # bytes that are copied at a time
 # Endings of names that Windows takes for devices, whatever their suffix.

@@ -11,8 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from fringecal.camera import LENS_NAMES, RATIONAL, Lens, PlateCamera, RichLens, brown_over_picture, solve_covariance
 from fringecal.errors import FitError, RecordError
-from fringecal.guarded import MOST_LENS, Refusal, bytes_of, shortened, text_of
-from fringecal.records.exports.cameramodel_text import entries_of
+from fringecal.guarded import Refusal, shortened
 from fringecal.records.exports.solve_inputs import solve_inputs
 from fringecal.records.files import write_text
 from fringecal.records.parts import is_covariance
@@ -62,6 +61,24 @@ def lens_text(lens: Lens) -> str:
     return _text(lens.values, (lens.width_px, lens.height_px), np.zeros(6), covariance, "A lens without pose.")
 
 
+def model_text(lens: Lens, pose: Array, what: str, *, region: Array | None = None) -> str:
+    """Return a lens with a pose as the text of a `.cameramodel`.
+
+    Parameters
+    ----------
+    lens
+        With its covariance, where it is known.
+    pose
+        Turn (Rodrigues) and shift from the reference frame to the lens's, (6,).
+    what
+        A sentence for the file's head: which frame, which unit.
+    region
+        Closed contour (n, 2), px, inside which the lens holds.
+    """
+    covariance = lens.covariance if lens.covariance_known else None
+    return _text(lens.values, (lens.width_px, lens.height_px), pose, covariance, what, region=region)
+
+
 def opencv_text(lens: Lens) -> str:
     """Return a lens as OpenCV's calibration YAML, with the covariance of fx, fy, cx, cy, k1, k2, p1, p2, k3."""
     fx, fy, cx, cy, *distortion = lens.values
@@ -101,47 +118,14 @@ def rich_lens_text(rich: RichLens) -> str:
     return _text(rich.values, size, np.zeros(6), None, "A lens without pose.", model=rich.model)
 
 
-def read_lens(path: str | Path) -> Lens:
-    """Read the lens of a `.cameramodel` or of OpenCV's YAML; its pose, if any, is left aside.
+def lens_of_model(entries: dict[str, Any]) -> Lens:
+    """Return the lens of a `.cameramodel` from its entries; its pose, if any, is left aside.
 
     Raises
     ------
     RecordError
-        The file cannot be read, is neither of the two, or holds a model that has no Brown's distortion.
+        A value is not what its name says, or the model has no Brown's distortion.
     """
-    try:
-        return lens_of_bytes(bytes_of(path, MOST_LENS))
-    except Refusal as error:
-        raise RecordError(f"{path}: {error}; give a camera model") from error
-    except RecordError as error:
-        raise RecordError(f"{path}: {error}") from error
-
-
-def lens_of_bytes(content: bytes) -> Lens:
-    """Read a lens from the bytes of a file of either format.
-
-    Raises
-    ------
-    RecordError
-        As `read_lens`.
-    """
-    try:
-        return parse_lens(text_of(content))
-    except Refusal as error:
-        raise RecordError(str(error)) from error
-
-
-def parse_lens(text: str) -> Lens:
-    """Read a lens from the text of either format."""
-    try:
-        if "opencv-matrix" in text:
-            return _from_yaml(text)
-        return _from_entries(entries_of(text))
-    except Refusal as error:
-        raise RecordError(str(error)) from error
-
-
-def _from_entries(entries: dict[str, Any]) -> Lens:
     model = str(entries.get("lensmodel", entries.get("lens_model", "none")))
     splined = model.startswith(_SPLINED) and _SPLINED_NAME.fullmatch(model) is not None
     if model not in _MODELS and not splined:
@@ -156,7 +140,7 @@ def _from_entries(entries: dict[str, Any]) -> Lens:
         raise RecordError(
             "intrinsics or imagersize is missing or no list of numbers; export the camera anew"
         ) from error
-    _demand_size(width, height)
+    demand_size(width, height)
     if splined:
         _demand_knots(model, values.size if values.ndim == 1 else -1)
     elif values.shape != (4 + _MODELS[model],):
@@ -167,7 +151,7 @@ def _from_entries(entries: dict[str, Any]) -> Lens:
     stated = entries.get(_OURS)
     if solved is not None and model != RATIONAL:
         stated = np.pad(solved, (0, _SIZE - len(solved)))
-    return _lens(values[:4], values[4:], (width, height), stated, solved)
+    return lens_of_values(values[:4], values[4:], (width, height), stated, solved)
 
 
 def _solved_covariance(entries: dict[str, Any], model: str, values: Array) -> Array | None:
@@ -180,6 +164,8 @@ def _solved_covariance(entries: dict[str, Any], model: str, values: Array) -> Ar
         raise RecordError("optimization_inputs is no text, or icam_intrinsics no whole number; export the model anew")
     try:
         return solve_covariance(solve_inputs(kept), camera, model, values)
+    except Refusal as error:
+        raise RecordError(str(error)) from error
     except FitError as error:
         raise RecordError(
             f"{error}. Without it its uncertainty is not known; to count the lens as exact, take the entry "
@@ -192,35 +178,7 @@ def _rich(model: str, values: Array, covariance: Array | None, size: tuple[int, 
     return RichLens(model, values, np.zeros((values.size,) * 2) if covariance is None else covariance, *size)
 
 
-def _from_yaml(text: str) -> Lens:
-    matrix, distortion = _matrix(text, "camera_matrix"), _matrix(text, "distortion_coefficients")
-    if matrix is None or matrix.shape != (3, 3) or distortion is None:
-        raise RecordError("camera_matrix (3 x 3) or distortion_coefficients is missing; export the calibration anew")
-    size = [re.search(rf"^image_{side}:\s*([0-9]{{1,9}})\b", text, flags=re.MULTILINE) for side in ("width", "height")]
-    if size[0] is None or size[1] is None:
-        raise RecordError("image_width or image_height is missing or no number of px; add both")
-    width, height = int(size[0][1]), int(size[1][1])
-    _demand_size(width, height)
-    core = matrix[[0, 1, 0, 1], [0, 1, 2, 2]]
-    return _lens(core, distortion.ravel(), (width, height), _matrix(text, _OURS))
-
-
-def _matrix(text: str, name: str) -> Array | None:
-    """One matrix of OpenCV's YAML, or None; its `---` and tags make it no YAML to plain readers."""
-    found = re.search(
-        rf"^{name}:\s*!!opencv-matrix\s+rows:\s*([0-9]{{1,9}})\s+cols:\s*([0-9]{{1,9}})\s+dt:\s*\w+\s+data:\s*\[([^\]]*)\]",
-        text,
-        flags=re.MULTILINE,
-    )
-    if found is None:
-        return None
-    try:
-        return np.array([float(number) for number in found[3].split(",")]).reshape(int(found[1]), int(found[2]))
-    except ValueError as error:
-        raise RecordError(f"{name}: not as many numbers as rows and columns say; export it anew") from error
-
-
-def _lens(
+def lens_of_values(
     core: Array, distortion: Array, size: tuple[int, int], covariance: Any, rational: Array | None = None
 ) -> Lens:
     """Build the lens and refuse what cannot be one; `rational` is the covariance of all terms of a rational one."""
@@ -261,7 +219,8 @@ def _side(number: Any) -> int:
     return int(number)
 
 
-def _demand_size(width: int, height: int) -> None:
+def demand_size(width: int, height: int) -> None:
+    """Refuse a picture that no camera takes."""
     if not (0 < width <= MOST_SIDE_PX and 0 < height <= MOST_SIDE_PX):
         raise RecordError(f"a picture of {width} x {height} px: each side must be 1 to {MOST_SIDE_PX} px")
 
@@ -309,9 +268,13 @@ def _text(
     what: str,
     *,
     model: str = "LENSMODEL_OPENCV5",
+    region: Array | None = None,
 ) -> str:
     rows = "" if covariance is None else "".join(f"                    [ {_numbers(row)} ],\n" for row in covariance)
     ours = f"    '{_OURS}': [\n{rows}    ],\n" if rows else ""
+    if region is not None:
+        places = "".join(f"                    [ {_numbers(place)} ],\n" for place in region)
+        ours += f"    'valid_intrinsics_region': [\n{places}    ],\n"
     return (
         f"# Written by fringecal. {what}\n"
         "{\n"

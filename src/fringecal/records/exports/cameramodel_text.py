@@ -21,7 +21,9 @@ _TOKEN = re.compile(
 _WORDS = {"True": True, "False": False, "None": None}
 _CLOSES = {"[": "]", "(": ")", "{": "}"}
 _MOST_DIGITS = 40  # of a number that a file writes: float64 has 17
-_NONE = "is neither a .cameramodel nor OpenCV's YAML; export the camera anew"
+_NONE = (
+    "is neither a .cameramodel nor OpenCV's YAML or XML, ROS's camera_info or Bouguet's .mat; export the camera anew"
+)
 
 
 def entries_of(text: str) -> dict[str, Any]:

@@ -1,6 +1,6 @@
-"""What a `.cameramodel` keeps of the solve that it comes from: mrcal's `optimization_inputs`, read within limits.
+"""Arrays of numpy's npz, read within limits, and what a `.cameramodel` keeps of its solve: `optimization_inputs`.
 
-An archive of arrays (npz) in base 85. Nothing in it is run, and no array is larger than its bytes.
+That is an archive of arrays (npz) in base 85. Nothing in it is run, and no array is larger than its bytes.
 """
 
 import base64
@@ -47,18 +47,29 @@ def solve_inputs(text: str) -> dict[str, Any]:
         It is no such archive, or holds more than is read.
     """
     try:
-        archive = zipfile.ZipFile(io.BytesIO(base64.b85decode(text)))
-        members = archive.infolist()
-        if len(members) > MOST_ARRAYS or sum(each.file_size for each in members) > MOST_UNPACKED:
-            raise Refusal(f"its optimization_inputs hold more than the {MOST_UNPACKED // MIB} MiB that are read")
-        found = {each.filename.removesuffix(".npy"): _value(archive.read(each)) for each in members}
-    except Refusal:
-        raise
-    except (ValueError, OSError, EOFError, RuntimeError, NotImplementedError) as error:
-        raise Refusal(_DAMAGED.format(error)) from error
-    except (zipfile.BadZipFile, zlib.error) as error:
+        found = archive_of(base64.b85decode(text))
+    except Refusal as error:
+        raise Refusal(f"its optimization_inputs cannot be used: what is kept {error}") from error
+    except (zipfile.BadZipFile, zlib.error, ValueError, OSError, EOFError, RuntimeError) as error:
         raise Refusal(_DAMAGED.format(error)) from error
     return {_RENAMED.get(name, name): value for name, value in found.items()}
+
+
+def archive_of(content: bytes) -> dict[str, Any]:
+    """Return the arrays, numbers and texts of an npz, within limits; None for the empty text.
+
+    Raises
+    ------
+    Refusal
+        It holds more than is read.
+    ValueError, OSError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error
+        It is damaged.
+    """
+    archive = zipfile.ZipFile(io.BytesIO(content))
+    members = archive.infolist()
+    if len(members) > MOST_ARRAYS or sum(each.file_size for each in members) > MOST_UNPACKED:
+        raise Refusal(f"holds more than the {MOST_ARRAYS} arrays or {MOST_UNPACKED // MIB} MiB that are read")
+    return {each.filename.removesuffix(".npy"): _value(archive.read(each)) for each in members}
 
 
 def _value(content: bytes) -> Any:

@@ -1,3 +1,18 @@
+from .doubts_page import (
+    judged_report as judged_report,
+)
+from .judging import (
+    Judged as Judged,
+)
+from .judging import (
+    judge_files as judge_files,
+)
+from .judging import (
+    judge_points as judge_points,
+)
+from .judging import (
+    judged_document as judged_document,
+)
 from .record import (
     lens_record as lens_record,
 )

@@ -42,10 +42,10 @@ def lens_section(known: KnownLens, distance_mm: float | None = None) -> Section:
         Distance of the object from the camera, for the map of uncertainty; the boards' own if left out.
     """
     if known.findings is None:
-        return Section("Lens", known.notes, (_parameters(known.lens),))
+        return Section("Lens", known.notes, (lens_table(known.lens),))
     found = known.findings
     distance = found.fit.distance_mm if distance_mm is None else distance_mm
-    tables = (_parameters(known.lens), _solution(found.fit, distance), _pictures(found))
+    tables = (lens_table(known.lens), _solution(found.fit, distance), _pictures(found))
     return Section("Lens", known.notes, tables, _figures(found, distance))
 
 
@@ -84,7 +84,8 @@ def _warp(fit: LensFit) -> str:
     return " and ".join(f"{warp:+.3f}" for warp in fit.board_warp_mm) + " mm"
 
 
-def _parameters(lens: Lens) -> Table:
+def lens_table(lens: Lens) -> Table:
+    """Tabulate the parameters of a lens, with their u where it is known."""
     estimates = {_LABELS.get(name, name): lens.estimate(name) for name in LENS_NAMES}
     note = "Brown's distortion, OpenCV's order" if lens.covariance_known else "the file states no uncertainty"
     if lens.covariance_known:
