@@ -56,6 +56,8 @@ class PoseFit:
         Seen minus modelled, (n, 2), 0 where nothing was seen.
     used
         (n, 4): column and row in the camera, in the projector.
+    camera_s_px, projector_s_px
+        Standard deviation of one coordinate, by which the pose's points were weighed.
     """
 
     name: str
@@ -65,6 +67,8 @@ class PoseFit:
     camera_residual_px: Array
     projector_residual_px: Array
     used: NDArray[np.bool_]
+    camera_s_px: float
+    projector_s_px: float
 
     @property
     def camera_rms_px(self) -> float:
@@ -131,6 +135,7 @@ def fit_board_rig(
     radial_terms: int = 3,
     warp_degree: int | None = None,
     projector_aspect: float = 1.0,
+    equal_weights: bool = False,
 ) -> BoardRigFit:
     """Solve for camera, projector, poses and the board's form in one least squares.
 
@@ -149,6 +154,10 @@ def fit_board_rig(
     projector_aspect
         fy / fx of the projector, taken where the fringes run along one axis alone; 2 for half-width diamond rasters.
 
+    equal_weights
+        Give all coordinates of both pictures one weight, as OpenCV does. By default each pose's points count in either
+        picture by how much they scatter.
+
     Raises
     ------
     FitError
@@ -162,9 +171,8 @@ def fit_board_rig(
     _demand(poses)
     form = board_form(poses, statement, warp_degree)
     data = board_data(poses, form)
-    state, expected = _started(poses, data, form, (camera_size, projector_size, projector_aspect))
-    expected = _with_terms(expected, radial_terms)
-    solution = solve(state, data, expected)
+    state, expected = _started(poses, data, form, (camera_size, projector_size, projector_aspect, radial_terms))
+    solution = solve(state, data, expected, equal=equal_weights)
     return _value(poses, (camera_size, projector_size), form, (data, expected, solution))
 
 
@@ -183,37 +191,42 @@ def _demand(poses: Sequence[BoardPose]) -> None:
 
 
 def _started(
-    poses: Sequence[BoardPose], data: BoardData, form: BoardForm, frames: tuple[Size, Size, float]
+    poses: Sequence[BoardPose], data: BoardData, form: BoardForm, frames: tuple[Size, Size, float, int]
 ) -> tuple[BoardState, Expected]:
     """Closed forms, then the camera alone, then the projector's matrix from the boards as the camera sees them."""
-    camera_size, projector_size, aspect = frames
-    state, u = _camera_alone(poses, data, form, camera_size)
+    camera_size, projector_size, aspect, radial_terms = frames
+    state, u = _camera_alone(poses, data, form, camera_size, radial_terms)
     points = placed_points(state, data)
     lens, rotation, shift = projector_start([points[part] for part in data.slices()], poses, projector_size, aspect)
-    u[PROJECTOR] = _lens_u(lens, projector_size)
+    u[PROJECTOR] = _lens_u(lens, projector_size, radial_terms)
     shared = state.shared.copy()
     shared[PROJECTOR], shared[SHIFT_OF] = lens, shift
     state = BoardState(shared, rotation, state.pose_rotations, state.pose_shifts)
     return _one_axis(Expected(np.zeros(len(u)), u), data, state, projector_size)
 
 
-def _camera_alone(poses: Sequence[BoardPose], data: BoardData, form: BoardForm, size: Size) -> tuple[BoardState, Array]:
+def _camera_alone(
+    poses: Sequence[BoardPose], data: BoardData, form: BoardForm, size: Size, radial_terms: int
+) -> tuple[BoardState, Array]:
     """Solve for the camera and the poses of flat boards, and list what is expected of all parameters."""
     lens, rotations, shifts = camera_start(poses, size)
     shared = np.concatenate([lens, lens, np.zeros(6 + len(form.names))])
-    u = np.concatenate([_lens_u(lens, size), np.full(RIG - 9, np.inf), form.expected_u])
+    u = np.concatenate([_lens_u(lens, size, radial_terms), np.full(RIG - 9, np.inf), form.expected_u])
     state = BoardState(shared, np.eye(3), rotations, shifts)
     weights = np.hstack([data.in_camera / data.camera_u, 0.0 * data.projector_u])
     alone = Expected(np.zeros(len(u)), u).holding(slice(9, len(u)))
     return minimise(state, data, weights, alone, enough=_START_ENOUGH)[0], u
 
 
-def _lens_u(lens: Array, size: Size) -> Array:
-    """Standard deviation expected of a lens: open, but for its terms."""
+def _lens_u(lens: Array, size: Size, radial_terms: int) -> Array:
+    """Standard deviation expected of a lens: open, but for its terms; 0 where k3 is left out."""
+    if radial_terms not in (2, 3):
+        raise FitError(f"{radial_terms} radial terms asked for; 2 or 3 are possible")
     corner = math.hypot(size[0] / lens[0], size[1] / lens[1]) / 2
     u = np.full(9, np.inf)
     for term, order in _ORDERS.items():
         u[term] = _TERM_AT_CORNER / corner**order
+    u[8] *= radial_terms == 3
     return u
 
 
@@ -233,14 +246,6 @@ def _one_axis(expected: Expected, data: BoardData, state: BoardState, size: Size
     return replace(state, shared=shared), Expected(mean, u)
 
 
-def _with_terms(expected: Expected, radial_terms: int) -> Expected:
-    if radial_terms not in (2, 3):
-        raise FitError(f"{radial_terms} radial terms asked for; 2 or 3 are possible")
-    held = np.zeros(len(expected.u), dtype=bool)
-    held[[8, 17]] = radial_terms == 2
-    return expected.holding(held)
-
-
 def _value(
     poses: Sequence[BoardPose], sizes: tuple[Size, Size], form: BoardForm, problem: tuple[BoardData, Expected, Solution]
 ) -> BoardRigFit:
@@ -257,7 +262,8 @@ def _value(
         min(solution.dof),
         _rms(rest[:, :2], solution.used[:, :2]),
         _rms(rest[:, 2:], solution.used[:, 2:]),
-        *solution.s_px,
+        float(np.median(solution.s_px[:, 0])),
+        float(np.median(solution.s_px[:, 1])),
         tuple(axis for axis, known in zip("uv", data.in_projector.any(axis=0), strict=True) if known),
         _undetermined(expected, covariance, form),
         form.names,
@@ -288,6 +294,7 @@ def _pose_fits(poses: Sequence[BoardPose], data: BoardData, solution: Solution) 
             rest[part, :2],
             rest[part, 2:],
             solution.used[part],
+            *(float(s) for s in solution.s_px[k]),
         )
         for k, (pose, part) in enumerate(zip(poses, data.slices(), strict=True))
     )

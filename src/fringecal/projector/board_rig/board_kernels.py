@@ -192,7 +192,7 @@ def _write_weighted(n, row, weights, work, block, rest):  # type: ignore[no-unty
 
 @njit(cache=True, error_model="numpy")
 def sum_equations(starts, points, state, work, weights, matrices, rights, squares):  # type: ignore[no-untyped-def]
-    """Sum each device's and pose's normal equations: (2, poses, size, size), (2, poses, size), (2,) of squares."""
+    """Sum each device's and pose's normal equations: (2, poses, size, size), (2, poses, size), and squares."""
     size = matrices.shape[2]
     for pose in range(matrices.shape[1]):
         first, last = starts[pose], starts[pose + 1]
@@ -203,4 +203,4 @@ def sum_equations(starts, points, state, work, weights, matrices, rights, square
         for device in range(2):
             matrices[device, pose] = np.dot(block[device].T, block[device])
             rights[device, pose] = np.dot(block[device].T, rest[device])
-            squares[device] += np.dot(rest[device], rest[device])
+            squares[device, pose] = np.dot(rest[device], rest[device])

@@ -107,17 +107,17 @@ class Rows:
 class Sums:
     """Normal equations before elimination, of either device (2) and each pose (p).
 
-    `matrices` (2, p, m + 6, m + 6), `rights` (2, p, m + 6), `squares` (2,).
+    `matrices` (2, p, m + 6, m + 6), `rights` (2, p, m + 6), `squares` (2, p).
     """
 
     matrices: Array
     rights: Array
     squares: Array
 
-    def scaled(self, factors: tuple[float, float]) -> "Sums":
-        """Return the sums with the weights of the camera's and of the projector's squares times factors."""
-        by = np.array(factors)
-        return Sums(self.matrices * by[:, None, None, None], self.rights * by[:, None, None], self.squares * by)
+    def scaled(self, factors: Array) -> "Sums":
+        """Return the sums with the weights of the squares times factors, (p, 2) of camera and projector."""
+        by = factors.T
+        return Sums(self.matrices * by[..., None, None], self.rights * by[..., None], self.squares * by)
 
 
 @dataclass(frozen=True)
@@ -227,7 +227,7 @@ def _work(size: int) -> PointWork:
 def summed(state: BoardState, data: BoardData, weights: Array) -> Sums:
     """Sum equations times (n, 4) weights, device by device and pose by pose."""
     size, poses = len(state.shared) + POSE, len(data.starts) - 1
-    sums = Sums(np.zeros((2, poses, size, size)), np.zeros((2, poses, size)), np.zeros(2))
+    sums = Sums(np.zeros((2, poses, size, size)), np.zeros((2, poses, size)), np.zeros((2, poses)))
     arrays = (sums.matrices, sums.rights, sums.squares)
     sum_equations(data.starts, data.points, state.arrays, _work(size), weights, *arrays)
     return sums

@@ -24,13 +24,16 @@ OUTLIER_SIGMAS = 5.0
 _HUBER_SIGMAS = 2.0  # while wrong corners are looked for: beyond it a residual counts by its size, not its square
 _LEAST_S_PX = 1e-6  # drawn points have no scatter, but rounding
 _STEPS = 30  # of one minimum; from a start by closed forms it takes five to ten
-_CONVERGED = (
-    1e-8  # relative change of the sum of squares, which the next step would change by far less: it is quadratic
-)
+_CONVERGED = 1e-8  # relative change of the sum of squares; steps shrink quadratically, the next would do far less
 _FEW_STEPS, _ROUGHLY = 3, 1e-4  # of a minimum whose weights are not final
 _HUBER_SETTLED = 0.02  # relative fall of the robust standard deviations: they serve to find wrong corners alone
 _ROUNDS = 6  # of weights: they settle after two or three
-_SETTLED = 1e-3  # relative change of both standard deviations
+_MOST_UNLIKE = 8.0
+"""Times the median of all poses by which the scatter of one may differ: glare and defocus do as much; beyond, the pose
+is not noisy but wrong."""
+_PRIOR_DOF = 20.0
+"""Degrees of freedom of the median of all poses beside those of a pose's own scatter, expected within a sixth of it."""
+_SETTLED = 1e-2  # relative change of the squares of the standard deviations
 _FIRST_DAMPING, _DAMPING_FACTOR, _MOST_DAMPING = 1e-6, 10.0, 1e6
 
 
@@ -74,7 +77,8 @@ class Solution:
     used
         (n, 4) which were used.
     s_px
-        Standard deviation of one coordinate in the camera and in the projector; over the stated u where stated.
+        Standard deviation of one coordinate, (poses, 2), in the camera and in the projector; over the stated u where
+        stated.
     dof
         Degrees of freedom of either.
     normal
@@ -85,7 +89,7 @@ class Solution:
     covariance: Array
     rest_px: Array
     used: NDArray[np.bool_]
-    s_px: tuple[float, float]
+    s_px: Array
     dof: tuple[float, float]
     normal: Normal
 
@@ -171,98 +175,136 @@ def inverse_of(matrix: Array, free: NDArray[np.bool_]) -> Array:
     return found
 
 
-def solve(state: BoardState, data: BoardData, expected: Expected) -> Solution:
-    """Solve with weights from the residuals, leaving out wrong corners.
+def solve(state: BoardState, data: BoardData, expected: Expected, *, equal: bool = False) -> Solution:
+    """Solve with weights from the residuals, pose by pose, leaving out wrong corners.
 
     The loss: squares up to five robust standard deviations, nothing beyond. Wrong corners are looked for with
-    Huber's loss, which they cannot draw far.
+    Huber's loss, which they cannot draw far. With `equal` all coordinates of both pictures have one weight.
     """
-    stated = 1 / np.hstack([data.camera_u, data.projector_u])
-    seen = np.hstack([data.in_camera, data.in_projector])
-    state, scaled, s = _without_pull(state, data, expected, (stated, seen))
-    used = _not_wrong(scaled, seen, s)
+    known = _Known(
+        data,
+        expected,
+        1 / np.hstack([data.camera_u, data.projector_u]),
+        np.hstack([data.in_camera, data.in_projector]),
+        equal,
+    )
+    state, scaled, s = _without_pull(state, known)
+    used = known.not_wrong(scaled, s)
     for _ in range(_ROUNDS):
-        state, now, s, dof = _weighted(state, data, expected, (stated, used, s))
-        better = _not_wrong(np.where(seen, independent_residuals(state, data) * stated, 0.0), seen, s)
+        state, now, s, dof = _weighted(state, known, used, s)
+        better = known.not_wrong(known.scaled(state), s)
         if np.array_equal(used, better):
             break
         used = better
-    rest = np.where(seen, independent_residuals(state, data), 0.0)
+    rest = np.where(known.seen, independent_residuals(state, data), 0.0)
     return Solution(state, inverse_of(now.matrix, expected.free), rest, used, s, dof, now)
 
 
+@dataclass(frozen=True)
+class _Known:
+    """The points, what is expected, one over each stated u (n, 4), which coordinates are seen, and how they count."""
+
+    data: BoardData
+    expected: Expected
+    stated: Array
+    seen: NDArray[np.bool_]
+    equal: bool
+
+    def scaled(self, state: BoardState) -> Array:
+        """Residuals over their stated u, (n, 4), 0 where nothing was seen."""
+        return np.where(self.seen, independent_residuals(state, self.data) * self.stated, 0.0)
+
+    def weights(self, s: Array, used: NDArray[np.bool_]) -> Array:
+        """Weights (n, 4) from standard deviations (poses, 2)."""
+        return np.where(used, self.stated / of_points(s, self.data), 0.0)
+
+    def robust_s(self, scaled: Array) -> Array:
+        """Robust standard deviations (poses, 2) of camera and projector, within bounds of their medians."""
+        found = np.ones((len(self.data.starts) - 1, 2))
+        for k, columns in enumerate((slice(0, 2), slice(2, 4))):
+            own = [robust_sd(scaled[p, columns][self.seen[p, columns]], about=0) for p in self.data.slices()]
+            whole = robust_sd(scaled[:, columns][self.seen[:, columns]], about=0)
+            some = np.array([each for each in own if each > 0] or [whole or 1.0])
+            usual = max(float(np.median(some)), _LEAST_S_PX)
+            found[:, k] = np.clip(own, usual / _MOST_UNLIKE, usual * _MOST_UNLIKE)
+        return np.full_like(found, self.robust_whole(scaled)) if self.equal else found
+
+    def robust_whole(self, scaled: Array) -> float:
+        """Robust standard deviation of all residuals together."""
+        return max(robust_sd(scaled[self.seen], about=0), _LEAST_S_PX)
+
+    def not_wrong(self, scaled: Array, s: Array) -> NDArray[np.bool_]:
+        """Where both coordinates of a point in a picture are within the limit, (n, 4)."""
+        inside = np.abs(scaled) <= OUTLIER_SIGMAS * of_points(s, self.data)
+        inside[:, :2] = inside[:, :2].all(axis=1, keepdims=True)
+        inside[:, 2:] = inside[:, 2:].all(axis=1, keepdims=True)
+        return np.asarray(self.seen & inside)
+
+
+def of_points(s: Array, data: BoardData) -> Array:
+    """Standard deviations (poses, 2) as those of each point's four coordinates, (n, 4)."""
+    return np.asarray(np.repeat(s, 2, axis=1)[data.pose_of])
+
+
 def _weighted(
-    state: BoardState, data: BoardData, expected: Expected, known: tuple[Array, NDArray[np.bool_], tuple[float, float]]
-) -> tuple[BoardState, Normal, tuple[float, float], tuple[float, float]]:
-    """Solve with some points used, the two standard deviations by their residuals."""
-    stated, used, s = known
-    counts = int(used[:, :2].sum()), int(used[:, 2:].sum())
-    state, now = minimise(state, data, np.where(used, stated / _of_columns(s), 0.0), expected, enough=_ROUGHLY)
+    state: BoardState, known: _Known, used: NDArray[np.bool_], s: Array
+) -> tuple[BoardState, Normal, Array, tuple[float, float]]:
+    """Solve with some points used, the standard deviations by their residuals."""
+    data, expected = known.data, known.expected
+    counts = np.stack([[used[p, :2].sum(), used[p, 2:].sum()] for p in data.slices()])
+    state, now = minimise(state, data, known.weights(s, used), expected, enough=_ROUGHLY)
     for _ in range(_ROUNDS):
-        s, dof, factors = _by_dof(now, expected, s, counts)
+        better, dof = _by_dof(now, expected, s, counts, equal=known.equal)
+        factors, s = (s / better) ** 2, better
         now = _expecting(now.sums.scaled(factors), state, expected)
-        weights = np.where(used, stated / _of_columns(s), 0.0)
-        state, now = _descent(state, data, weights, expected, (_STEPS, _CONVERGED), now)
-        if max(abs(factor - 1) for factor in factors) < _SETTLED:
+        state, now = _descent(state, data, known.weights(s, used), expected, (_STEPS, _CONVERGED), now)
+        if np.abs(factors - 1).max() < _SETTLED:
             break
     return state, now, s, dof
 
 
-def _without_pull(
-    state: BoardState, data: BoardData, expected: Expected, known: tuple[Array, NDArray[np.bool_]]
-) -> tuple[BoardState, Array, tuple[float, float]]:
-    """Solve by Huber's loss about robust standard deviations; return scaled residuals too."""
-    stated, seen = known
-    scaled, squares = np.where(seen, independent_residuals(state, data) * stated, 0.0), math.inf
+def _without_pull(state: BoardState, known: _Known) -> tuple[BoardState, Array, Array]:
+    """Solve by Huber's loss about robust standard deviations; return scaled residuals and those."""
+    scaled, before = known.scaled(state), math.inf
     for _ in range(_ROUNDS):
-        s = _robust_s(scaled, seen)
-        weights = np.where(seen, stated * _huber(scaled, s) / _of_columns(s), 0.0)
-        state, _ = minimise(state, data, weights, expected, steps=_FEW_STEPS, enough=_ROUGHLY)
-        scaled = np.where(seen, independent_residuals(state, data) * stated, 0.0)
-        before, squares = squares, float(sum(_robust_s(scaled, seen)))
-        if squares > (1 - _HUBER_SETTLED) * before:
+        s = known.robust_s(scaled)
+        weights = known.weights(s, known.seen) * _huber(scaled / of_points(s, known.data))
+        state, _ = minimise(state, known.data, weights, known.expected, steps=_FEW_STEPS, enough=_ROUGHLY)
+        scaled = known.scaled(state)
+        now = float(np.median(known.robust_s(scaled), axis=0).sum())
+        if now > (1 - _HUBER_SETTLED) * before:
             break
-    return state, scaled, _robust_s(scaled, seen)
+        before = now
+    return state, scaled, known.robust_s(scaled)
 
 
-def _of_columns(s: tuple[float, float]) -> Array:
-    return np.array([s[0], s[0], s[1], s[1]])
-
-
-def _robust_s(scaled: Array, used: NDArray[np.bool_]) -> tuple[float, float]:
-    """Robust standard deviation of scaled residuals in camera and projector; 1 where there are none."""
-    parts = [scaled[:, columns][used[:, columns]] for columns in (slice(0, 2), slice(2, 4))]
-    camera, projector = (max(robust_sd(part, about=0), _LEAST_S_PX) if part.size else 1.0 for part in parts)
-    return camera, projector
-
-
-def _huber(scaled: Array, s: tuple[float, float]) -> Array:
-    size = np.abs(scaled) / _of_columns(s)
-    return np.sqrt(np.minimum(1.0, _HUBER_SIGMAS / np.maximum(size, 1e-12)))
-
-
-def _not_wrong(scaled: Array, seen: NDArray[np.bool_], s: tuple[float, float]) -> NDArray[np.bool_]:
-    """Where both coordinates of a point in a picture are within the limit."""
-    inside = np.abs(scaled) <= OUTLIER_SIGMAS * _of_columns(s)
-    inside[:, :2] = inside[:, :2].all(axis=1, keepdims=True)
-    inside[:, 2:] = inside[:, 2:].all(axis=1, keepdims=True)
-    return np.asarray(seen & inside)
+def _huber(sizes: Array) -> Array:
+    return np.sqrt(np.minimum(1.0, _HUBER_SIGMAS / np.maximum(np.abs(sizes), 1e-12)))
 
 
 def _by_dof(
-    now: Normal, expected: Expected, s: tuple[float, float], counts: tuple[int, int]
-) -> tuple[tuple[float, float], tuple[float, float], tuple[float, float]]:
-    """Standard deviations by the residuals and their degrees of freedom, and by how much the weights change.
+    now: Normal, expected: Expected, s: Array, counts: NDArray[np.intp], *, equal: bool
+) -> tuple[Array, tuple[float, float]]:
+    """Standard deviations (poses, 2) by the residuals, and the degrees of freedom in camera and projector.
 
     The parameters follow `trace(C N)` of a picture's equations, with its own part `N` of the normal equations and the
     covariance `C` of all; the rest are its degrees of freedom (iterated estimates of variance components: K. R. Koch,
-    Parameter Estimation and Hypothesis Testing in Linear Models, 2nd ed. 1999, 3.6).
+    Parameter Estimation and Hypothesis Testing in Linear Models, 2nd ed. 1999, 3.6). A pose's own estimate counts by
+    its degrees of freedom beside the median of all poses, as if that had some of its own.
     """
     joint = now.joint_covariance(inverse_of(now.matrix, expected.free))
-    found, dofs, factors = list(s), [1.0, 1.0], [1.0, 1.0]
+    followed = np.einsum("pij,dpij->pd", joint, now.sums.matrices)
+    dof = np.maximum(counts - followed, 0.0)
+    squares = now.sums.squares.T * s**2
+    if equal:
+        whole = max(math.sqrt(float(squares.sum()) / max(float(dof.sum()), 1.0)), _LEAST_S_PX)
+        return np.full_like(s, whole), (max(float(dof.sum()), 1.0),) * 2
+    found = s.copy()
     for k in range(2):
-        dof = float(counts[k]) - float((joint * now.sums.matrices[k]).sum())
-        if counts[k] and dof >= 1:
-            found[k] = max(s[k] * math.sqrt(float(now.sums.squares[k]) / dof), _LEAST_S_PX)
-            dofs[k], factors[k] = dof, (s[k] / found[k]) ** 2
-    return (found[0], found[1]), (dofs[0], dofs[1]), (factors[0], factors[1])
+        told = dof[:, k] >= 1
+        if told.any():
+            usual = float(np.median(squares[told, k] / dof[told, k]))
+            own = (squares[:, k] + _PRIOR_DOF * usual) / (dof[:, k] + _PRIOR_DOF)
+            found[:, k] = np.sqrt(np.clip(own, 0.0, _MOST_UNLIKE**2 * usual))
+    total = np.maximum(dof.sum(axis=0), 1.0)
+    return np.maximum(found, _LEAST_S_PX), (float(total[0]), float(total[1]))

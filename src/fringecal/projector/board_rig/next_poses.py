@@ -113,7 +113,7 @@ def _covariance_with(fit: BoardRigFit, rotation: Array, shift: Array) -> Array |
     )
     if lit.mean() < _LEAST_SEEN:
         return None
-    s = fit.solution.s_px
+    s = np.median(fit.solution.s_px, axis=0)
     weights = np.hstack([seen[:, None] / (data.camera_u * s[0]), lit[:, None] * known / (data.projector_u * s[1])])
     added = without_poses(summed(state, data, weights)).matrix
     return inverse_of(fit.solution.normal.matrix + added, fit.expected.free)

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 
 from fringecal.projector.board_rig.board_fit import BoardRigFit, PoseFit
 from fringecal.projector.board_rig.board_problem import POSE, RIG, Rows, observation_rows, residuals, subset
-from fringecal.projector.board_rig.board_solve import Expected, minimise
+from fringecal.projector.board_rig.board_solve import Expected, minimise, of_points
 from fringecal.projector.board_rig.board_start import pose_start
 
 Array = NDArray[np.float64]
@@ -38,6 +38,8 @@ _FOCAL_REL_U = 5e-3  # of a focal length that the poses hardly determine
 _FEW_POSES = 4  # with so few no pose can be told to disagree with the others
 _ALIKE_DEG = 10.0  # spread of the boards' normals about their mean: below it focal length and distance stay mixed
 _AGREES = 0.5  # least share of a pose's points that must agree with all others
+_MUCH_BETTER = 0.3  # of the residuals as they are numbered: a wrong numbering is off by whole pitches
+_SCATTERS = 2.5  # times the median scatter of the poses: of 60 coordinates alike, one pose in 10^9 is beyond 1.6
 _LIKE_OTHERS = 4.0  # standard deviations, rms, within which a renumbered pose agrees
 
 
@@ -50,6 +52,7 @@ class RigFaultKind(enum.Enum):
     FOCUS_CHANGED = "focus changed between poses"
     NUMBERED_OTHERWISE = "points numbered otherwise"
     POSE_DISAGREES = "pose disagrees"
+    POSE_SCATTERS = "pose scatters"
     POSES_TOO_FEW = "poses too few"
     POSES_ALIKE = "poses too alike"
 
@@ -117,7 +120,7 @@ def rig_faults(
     if known:
         poses = [one for one in poses if one.kind is not RigFaultKind.POSE_DISAGREES]
         return (*poses, max(known, key=lambda cause: cause[0])[1])
-    return (*poses, *_of_geometry(fit))
+    return (*poses, *_of_scatter(fit), *_of_geometry(fit))
 
 
 type _Cause = tuple[float, RigFault] | None
@@ -127,8 +130,7 @@ type _Cause = tuple[float, RigFault] | None
 def _weighted_rows(fit: BoardRigFit) -> Rows:
     """Equations at the solution over their standard deviations, 0 where not used."""
     rows = observation_rows(fit.solution.state, fit.data)
-    s = fit.solution.s_px
-    over = np.hstack([fit.data.camera_u * s[0], fit.data.projector_u * s[1]])
+    over = np.hstack([fit.data.camera_u, fit.data.projector_u]) * of_points(fit.solution.s_px, fit.data)
     weights = np.where(fit.solution.used, 1 / over, 0.0)
     return Rows(rows.rest * weights, rows.derivatives * weights[..., None])
 
@@ -184,7 +186,7 @@ def _of_skew(fit: BoardRigFit, rows: Rows) -> _Cause:
         return None
     height = fit.data.projector[:, 1] - fit.rig.projector["cy_px"]
     leaned = np.zeros((*rows.rest.shape, 1))
-    over = fit.data.projector_u[:, 0] * fit.solution.s_px[1]
+    over = fit.data.projector_u[:, 0] * of_points(fit.solution.s_px, fit.data)[:, 2]
     leaned[:, 2, 0] = np.where(fit.solution.used[:, 2], height / over, 0.0)
     evidence = _explained(fit, rows, leaned)
     size = abs(float(evidence.values[0]) * fit.rig.projector["fy_px"] / fit.rig.projector["fx_px"])
@@ -285,6 +287,24 @@ def _spread_deg(poses: Sequence[PoseFit]) -> float:
     return float(np.sqrt((angles**2).mean()))
 
 
+def _of_scatter(fit: BoardRigFit) -> list[RigFault]:
+    """Poses whose points scatter much more than those of the others do, in either device."""
+    found = []
+    for k, device in enumerate(("camera", "projector")):
+        s = fit.solution.s_px[:, k]
+        ratios = s / np.median(s)
+        names = tuple(pose.name for pose, ratio in zip(fit.poses, ratios, strict=True) if ratio > _SCATTERS)
+        if names:
+            largest = float(ratios.max())
+            text = (
+                f"pose {', '.join(names)}: in the {device} the points scatter up to {largest:.1f} times as much as "
+                "those of most poses, by glare, defocus or too little light, and count the less for it; tilt the board "
+                "out of the glare and capture them anew"
+            )
+            found.append(RigFault(RigFaultKind.POSE_SCATTERS, text, names, largest))
+    return found
+
+
 def _of_poses(fit: BoardRigFit) -> list[RigFault]:
     """Poses most of whose points disagree, and whether another numbering of them would agree."""
     found = []
@@ -306,7 +326,8 @@ def _numbering(fit: BoardRigFit, number: int, device: str) -> RigFault:
         for which in ("projector", "camera", "both")
     ]
     rms, how, which = min(tries, default=(math.inf, "", ""))
-    if rms < _LIKE_OTHERS:
+    same = np.arange(np.diff(fit.data.starts)[number])
+    if rms < min(_LIKE_OTHERS, _MUCH_BETTER * _rms_renumbered(fit, number, same, "both")):
         lists = "its points" if which == "both" else f"the {which}'s points"
         text = (
             f"pose {name}: {lists} are numbered otherwise than in the other poses ({how}); number them alike, or use a "
@@ -367,7 +388,7 @@ def _rms_renumbered(fit: BoardRigFit, number: int, order: NDArray[np.intp], whic
     state = fit.solution.state
     rotation, shift = pose_start(data.board[known, :2], camera[known], state.shared[:4])
     state = replace(state, pose_rotations=rotation[None], pose_shifts=shift[None])
-    s = fit.solution.s_px
+    s = np.median(fit.solution.s_px, axis=0)
     weights = np.hstack([seen_c / (data.camera_u * s[0]), seen_p / (data.projector_u * s[1])])
     held = Expected(state.shared, np.zeros(len(state.shared)))
     state, _ = minimise(state, data, weights, held)
@@ -379,6 +400,8 @@ def _rms_renumbered(fit: BoardRigFit, number: int, order: NDArray[np.intp], whic
 
 def _corner_share(fit: BoardRigFit) -> float:
     """By how much a projector's raw residual is larger than its own standard deviation: by the corners' errors."""
-    raw = residuals(fit.solution.state, fit.data)[:, 2:] / (fit.data.projector_u * fit.solution.s_px[1])
+    raw = residuals(fit.solution.state, fit.data)[:, 2:] / (
+        fit.data.projector_u * of_points(fit.solution.s_px, fit.data)[:, 2:]
+    )
     used = fit.solution.used[:, 2:]
     return float(np.sqrt((raw[used] ** 2).mean())) if used.any() else 1.0
