@@ -168,3 +168,21 @@ def test_what_has_no_surface_is_refused() -> None:
             target("strips", count=3, width_mm=q(10.0), gap_mm=q(10.0), height_mm=q(3.0), length_mm=q(100.0)),
             drawn(target("flat", flatness_mm=q(0.0))),
         )
+
+
+def test_temperature_that_rig_and_block_have_in_common_cancels():
+    warm = 2e-5  # relative: 0.4 um on 20 mm
+
+    def by_component(u, v, z):
+        moved = np.stack([(u - 199.5) * PIXEL_MM, (199.5 - v) * PIXEL_MM, z * (1 + warm)], axis=-1)
+        yield UncertaintyComponent(Influence.TEMPERATURE, np.zeros(1)), moved
+
+    block = target("steps", heights_mm=q([5.0, 10.0, 20.0], 0.0), width_mm=q(30.0), length_mm=q(60.0))
+    surface = drawn(block)
+    found = probe(block, surface)
+    by_rig = by_name(take_readings(found, surface, by_component))
+    both = by_name(take_readings(found, surface, by_component, thermal_rel_u=warm))
+    name = max(by_rig, key=lambda n: by_rig[n].measured)
+    assert by_rig[name].u_measured == pytest.approx(warm * by_rig[name].measured, rel=0.02)
+    assert both[name].u_reference == pytest.approx(warm * both[name].reference, rel=1e-6)
+    assert both[name].shared == pytest.approx(both[name].u_measured * both[name].u_reference, rel=0.02)

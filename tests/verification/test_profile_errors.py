@@ -11,6 +11,7 @@ import pytest
 from fringecal.errors import FitError
 from fringecal.verification import (
     FILTERS,
+    InCommon,
     ZigzagPose,
     filter_study,
     filtered,
@@ -162,6 +163,24 @@ def test_uncertainty_of_the_target(make_scene, make_bars):
     # move left and right flanks by opposite amounts, equal but for a pixel in 32 on flanks of the outer bars
     assert errors.area.u_mm == pytest.approx(0.1 * math.cos(math.pi / 4), rel=0.05)
     assert judged(surface, make_bars()).area.en is None
+
+
+@pytest.mark.parametrize(("instrument", "temperature"), [(0.1, 0.0), (0.0, 0.1)])
+def test_what_measured_rig_and_bars_alike_cancels(make_scene, make_bars, instrument, temperature):
+    # Strips and bars measured with one micrometer, or in one warm room: read high, both lift heights and bars by
+    # cos 45 of it, and what is left is nothing. Told apart they add up in squares.
+    lift = 0.1 * math.cos(math.pi / 4)
+    surface = replace(make_scene(), u_z=np.full((440, 480), lift))
+    bars = make_bars().model_copy(update={"instrument_u_mm": instrument, "thermal_rel_u": temperature / 40})
+    maps = np.full((1, 440, 480), lift)
+    apart = judged(surface, bars, sensitivities=maps)
+    alike = judged(surface, bars, sensitivities=maps, common=InCommon((0,), (0,)))
+    assert apart.area.u_mm == pytest.approx(lift * math.sqrt(2), rel=0.05)
+    assert alike.area.u_mm < 0.05 * lift
+    # Correlated by 0.5: variances 1 + 1 - 2 x 0.5.
+    halves = np.stack([0.5 * maps[0], math.sqrt(0.75) * maps[0]])
+    half = judged(surface, bars, sensitivities=halves, common=InCommon((0,), (0,)))
+    assert half.area.u_mm == pytest.approx(lift * math.sqrt(1 + 1 - 2 * 0.5), rel=0.05)
 
 
 def test_rounded_ridge(make_scene, make_bars):

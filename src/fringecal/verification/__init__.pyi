@@ -41,6 +41,9 @@ from .forms.readings import (
     Reading as Reading,
 )
 from .forms.readings import (
+    is_common as is_common,
+)
+from .forms.readings import (
     readings_table as readings_table,
 )
 from .forms.readings import (
@@ -72,6 +75,9 @@ from .zigzag.height_errors import (
 )
 from .zigzag.pose import (
     ZigzagPose as ZigzagPose,
+)
+from .zigzag.profiles import (
+    InCommon as InCommon,
 )
 from .zigzag.profiles import (
     ProfileCurve as ProfileCurve,

@@ -84,6 +84,7 @@ def take_readings(
     by_component: ByComponent,
     *,
     instrument: tuple[str | None, float] = (None, 0.0),
+    thermal_rel_u: float = 0.0,
     seed: int = _DRAW_SEED,
 ) -> tuple[Reading, ...]:
     """Evaluate a probe on a surface.
@@ -100,6 +101,8 @@ def take_readings(
     instrument
         What the artefact's lengths were measured with, and the standard uncertainty of its calibration, mm: all of them
         have it in common, with the rig's artefacts as well where these were measured with the same instrument.
+    thermal_rel_u
+        What temperature adds to u of all of the artefact's lengths, relative; the rig's artefacts have it in common.
     seed
         Of the draw of points that each component moves.
     """
@@ -119,7 +122,9 @@ def take_readings(
         own = UncertaintyComponent(Influence.ARTEFACT_SCATTER, scatter[name], _BLOCKS - 1)
         certified = unit == "mm" and reference is not None and name not in probe.forms
         common = instrument[1] if certified else 0.0
-        both = (c for c in components if c.influence is Influence.INSTRUMENT and c.detail == instrument[0])
+        warm = thermal_rel_u * abs(reference.value) if certified and reference is not None else 0.0
+        both = sum(float(c.effect) for c in components if is_common(c.influence, c.detail, instrument[0]))
+        heat = sum(float(c.effect) for c in components if c.influence is Influence.TEMPERATURE)
         budget = None if name in probe.forms else combined(value, [*components, own], unit=unit, label=name)
         readings.append(
             Reading(
@@ -127,14 +132,19 @@ def take_readings(
                 unit=unit,
                 measured=value,
                 reference=None if reference is None else reference.value,
-                u_reference=0.0 if reference is None else math.hypot(reference.u, common),
+                u_reference=0.0 if reference is None else math.hypot(reference.u, common, warm),
                 u_measured=None if budget is None else budget.result.u,
                 points=points,
                 budget=budget,
-                shared=common * sum(float(c.effect) for c in both),
+                shared=common * both + warm * heat,
             )
         )
     return tuple(readings)
+
+
+def is_common(influence: Influence, detail: str, instrument: str | None) -> bool:
+    """Return whether a component of the rig is the calibration of the instrument that measured an artefact."""
+    return influence is Influence.INSTRUMENT and instrument is not None and detail == instrument
 
 
 def readings_table(readings: Sequence[Reading]) -> pd.DataFrame:

@@ -14,7 +14,14 @@ from fringecal.verification.zigzag.bands import Band, band_errors
 from fringecal.verification.zigzag.error_field import default_places, error_field
 from fringecal.verification.zigzag.error_terms import ErrorTerm, error_sentence, error_terms
 from fringecal.verification.zigzag.pose import ZigzagPose
-from fringecal.verification.zigzag.profiles import Judge, Pixels, ProfileCurve, ProfileErrors
+from fringecal.verification.zigzag.profiles import (
+    NOTHING_IN_COMMON,
+    InCommon,
+    Judge,
+    Pixels,
+    ProfileCurve,
+    ProfileErrors,
+)
 from fringecal.verification.zigzag.zigzag_shape import Floats, Surface, ZigzagShape, zigzag_shape
 
 THESIS_ROWS_PX = (10, 121, 232, 343, 444)  # profiles A..E of the 2008 thesis
@@ -98,6 +105,7 @@ def zigzag_errors(
     sensitivities: ArrayLike | None = None,
     covariance: ArrayLike | None = None,
     dof: ArrayLike = math.inf,
+    common: InCommon = NOTHING_IN_COMMON,
 ) -> ZigzagErrors:
     """Compare a measured surface with a registered zig-zag along profiles.
 
@@ -118,6 +126,8 @@ def zigzag_errors(
         profile is stated no better than a single pixel.
     dof
         (K,) or scalar, degrees of freedom of the influences.
+    common
+        Which of these influences move the reference as well: the calibration of one instrument, one temperature.
 
     Raises
     ------
@@ -128,7 +138,7 @@ def zigzag_errors(
     field = error_field(surface, pose, shape)
     zone = edge_zone_px * field.pixel_mm if edge_zone_mm is None else edge_zone_mm
     maps = None if sensitivities is None else np.asarray(sensitivities)
-    judge = Judge(field, shape, zone, maps, covariance, dof)
+    judge = Judge(field, shape, zone, maps, covariance, dof, common)
     places = default_places(field, THESIS_ROWS_PX, _SPREAD) if rows_px is None else tuple(int(r) for r in rows_px)
     lines = {_name(i): (place, judge.line(place)) for i, place in enumerate(places)}
     every = np.concatenate([line for _, line in lines.values()])

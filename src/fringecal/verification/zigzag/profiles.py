@@ -69,6 +69,20 @@ class ProfileCurve:
 
 
 @dataclass(frozen=True)
+class InCommon:
+    """Numbers of the influences of the heights that are the reference's own as well: of the instrument, of temperature.
+
+    Strips measured with the micrometer that measured the bars read high with it, and so do the heights that they fix.
+    """
+
+    instrument: tuple[int, ...] = ()
+    temperature: tuple[int, ...] = ()
+
+
+NOTHING_IN_COMMON = InCommon()
+
+
+@dataclass(frozen=True)
 class Judge:
     """The errors of one surface, and the rules by which sets of its pixels are judged.
 
@@ -82,6 +96,8 @@ class Judge:
         (K, H, W) maps of the systematic part and the covariance of its K influences, or None.
     dof
         (K,) or scalar, degrees of freedom of the influences.
+    common
+        Which of these influences, of unit covariance, move the reference as well.
     """
 
     field: ErrorField
@@ -90,6 +106,7 @@ class Judge:
     sensitivities: NDArray[np.floating] | None = None
     covariance: ArrayLike | None = None
     dof: ArrayLike = math.inf
+    common: InCommon = NOTHING_IN_COMMON
 
     def off_edges(self, pixels: Pixels) -> Pixels:
         """Leave out the pixels in edge zones."""
@@ -141,7 +158,8 @@ class Judge:
         """
         valid = self.valid(pixels)
         target = reference_sensitivities(self.field.across.ravel()[valid], self.shape)
-        u = np.sqrt(self.field.u_z.ravel()[valid] ** 2 + np.sum(target**2, axis=0))
+        both = 0.0 if self.sensitivities is None else self._covariance(self._maps(valid), target)
+        u = np.sqrt(np.maximum(self.field.u_z.ravel()[valid] ** 2 + np.sum(target**2, axis=0) - 2 * both, 0.0))
         return departures_of(self.field.error.ravel()[valid], u) if np.all(u > 0) else None
 
     def curve(self, name: str, pixels: Pixels) -> ProfileCurve:
@@ -174,12 +192,24 @@ class Judge:
         target = reference_sensitivities(self.field.across.ravel()[valid], self.shape).mean(axis=1)
         if self.sensitivities is None:
             return float(np.hypot(np.mean(u_z), np.linalg.norm(target))), math.inf
-        maps = self.sensitivities.reshape(len(self.sensitivities), -1)[:, valid]
+        maps = self._maps(valid)
         common = combined_map(0.0, maps, self.covariance)
         u_random = np.sqrt(np.maximum(u_z**2 - common**2, 0.0))
         u_mean = mean_uncertainty(u_random, sensitivities=maps, covariance=self.covariance)
-        u = float(np.hypot(u_mean, np.linalg.norm(target)))
-        return u, self._mean_dof(u, np.asarray(maps, float).mean(axis=1))
+        means = np.asarray(maps, float).mean(axis=1)
+        both = float(self._covariance(means, target))
+        u = math.sqrt(max(u_mean**2 + float(target @ target) - 2 * both, 0.0))
+        return u, self._mean_dof(u, means)
+
+    def _maps(self, valid: Pixels) -> Floats:
+        """Changes of the heights of some pixels by each influence, (K, n)."""
+        assert self.sensitivities is not None
+        return np.asarray(self.sensitivities.reshape(len(self.sensitivities), -1)[:, valid])
+
+    def _covariance(self, heights: Floats, target: Floats) -> Floats:
+        """Covariance of heights and reference, mm^2, by their changes, (K, ...) and (4, ...)."""
+        shared = ((self.common.instrument, target[2]), (self.common.temperature, target[3]))
+        return np.asarray(sum(reference * heights[list(rows)].sum(axis=0) for rows, reference in shared))
 
     def _mean_dof(self, u: float, means: Floats) -> float:
         """Degrees of freedom of u, the influences' means over the pixels given; noise and target are exactly known."""

@@ -33,7 +33,9 @@ class Surface(Protocol):
 class ZigzagShape:
     """Nominal cross-section of the bars, with the standard uncertainties of leg and apex.
 
-    Legs run from the plate to the sharp ridge; a ridge radius rounds the ridge below that height.
+    Legs run from the plate to the sharp ridge; a ridge radius rounds the ridge below that height. `u_instrument_mm` and
+    `u_thermal_mm` are what the calibration of the instrument that measured the leg and its temperature add to u of the
+    leg: other artefacts may have them in common.
 
     Examples
     --------
@@ -49,6 +51,8 @@ class ZigzagShape:
     ridge_radius_mm: float = 0.0
     u_leg_mm: float = 0.0
     u_apex_deg: float = 0.0
+    u_instrument_mm: float = 0.0
+    u_thermal_mm: float = 0.0
 
     @property
     def half_apex_rad(self) -> float:
@@ -89,6 +93,8 @@ def zigzag_shape(target: Zigzag) -> ZigzagShape:
         ridge_radius_mm=0.0 if radius is None else radius.value,
         u_leg_mm=target.leg_mm.u,
         u_apex_deg=target.apex_deg.u,
+        u_instrument_mm=target.instrument_u_mm,
+        u_thermal_mm=target.thermal_rel_u * target.leg_mm.value,
     )
 
 
@@ -125,12 +131,16 @@ def edge_distance(across_mm: NDArray[np.floating], shape: ZigzagShape) -> Floats
 
 
 def reference_sensitivities(across_mm: NDArray[np.floating], shape: ZigzagShape) -> Floats:
-    """Change of the reference height per standard uncertainty of leg and apex, (2, n) mm."""
-    rows = []
-    for name, u in (("leg_mm", shape.u_leg_mm), ("apex_deg", shape.u_apex_deg)):
-        value = getattr(shape, name)
-        step = _STEP * value
-        upper = zigzag_height(across_mm, replace(shape, **{name: value + step}))
-        lower = zigzag_height(across_mm, replace(shape, **{name: value - step}))
-        rows.append((upper - lower) / (2 * step) * u)
-    return np.array(rows)
+    """Change of the reference height per standard uncertainty of leg, apex, instrument and temperature, (4, n) mm."""
+    by_leg, by_apex = (_by_one(across_mm, shape, name) for name in ("leg_mm", "apex_deg"))
+    leg = np.outer((shape.u_leg_mm, shape.u_instrument_mm, shape.u_thermal_mm), by_leg)
+    return np.stack([leg[0], by_apex * shape.u_apex_deg, leg[1], leg[2]])
+
+
+def _by_one(across_mm: NDArray[np.floating], shape: ZigzagShape, name: str) -> Floats:
+    """Return the derivative of the reference height by leg or apex, mm per unit."""
+    value = getattr(shape, name)
+    step = _STEP * value
+    upper = zigzag_height(across_mm, replace(shape, **{name: value + step}))
+    lower = zigzag_height(across_mm, replace(shape, **{name: value - step}))
+    return np.asarray((upper - lower) / (2 * step))

@@ -81,6 +81,7 @@ def verify_artefact(
             surface,
             lambda u, v, z: points_by_component(calibration, u, v, z),
             instrument=(target.instrument, target.instrument_u_mm),
+            thermal_rel_u=target.thermal_rel_u,
         )
         return ArtefactVerification(
             capture, target, phase, surface, found, readings, _departures(found, surface, target)

@@ -9,13 +9,16 @@ from fringecal.projector import HEIGHT_MODELS, RigCalibration
 from fringecal.reconstruct import HeightMap, absolute_phase, height_of_phase
 from fringecal.session import Capture, Session
 from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Strips, Wedge, Zigzag
+from fringecal.uncertainty import Influence
 from fringecal.verification import (
     FILTERS,
     FilterResult,
     FormPlace,
+    InCommon,
     ZigzagErrors,
     ZigzagPose,
     filter_study,
+    is_common,
     register_zigzag,
     zigzag_errors,
     zigzag_shape,
@@ -122,7 +125,13 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
     turned = math.remainder(place.turn_rad, math.pi)
     pose = register_zigzag(surface, target, start=ZigzagPose(place.x_mm, place.y_mm, turned))
     errors = zigzag_errors(
-        surface, target, pose, rows_px=rows_px, sensitivities=surface.sensitivities, dof=surface.systematic.dof
+        surface,
+        target,
+        pose,
+        rows_px=rows_px,
+        sensitivities=surface.sensitivities,
+        dof=surface.systematic.dof,
+        common=_in_common(surface, target),
     )
     models = {"projective": errors}
     if with_models:
@@ -135,6 +144,14 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
         filters = _filter_study(phase, calibration, place, pose, heights)
     diagnosed = diagnose_capture(phase, calibration, plate=plate)
     return Verification(capture, target, phase, diagnosed, surface, pose, errors, models, filters)
+
+
+def _in_common(surface: HeightMap, target: Zigzag) -> InCommon:
+    """Return which influences of the heights move the certified bars as well: one instrument's, and temperature."""
+    sources = surface.systematic.sources
+    instrument = (k for k, s in enumerate(sources) if is_common(s.influence, s.detail, target.instrument))
+    temperature = (k for k, s in enumerate(sources) if s.influence is Influence.TEMPERATURE)
+    return InCommon(tuple(instrument), tuple(temperature))
 
 
 def _place(target: Zigzag, phase: CapturePhase, calibration: RigCalibration, heights: tuple[float, float]) -> FormPlace:
