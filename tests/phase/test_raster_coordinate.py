@@ -135,3 +135,17 @@ def test_real_frames_give_the_published_screen_position(facet, axis, row, falls,
     # The published answer agrees with the frames to 1e-5 rad of the finest period, which is 2.5e-8 of the screen.
     assert np.sqrt(np.mean((position - published[row]) ** 2)) < 1e-4
     assert np.rad2deg(found.zeros_rad) == pytest.approx(np.full(4, offset_deg), abs=1)
+
+
+@pytest.mark.parametrize(("axis", "row", "falls", "offset_deg"), [("y", 1, False, 36), ("x", 0, True, 0)])
+def test_real_frames_give_it_without_any_response_too(request, axis, row, falls, offset_deg) -> None:
+    """Four steps are blind to the even harmonics that a gamma makes, and the shortest fringe is a 64th of the screen."""
+    data = np.load(request.config.rootpath / "tests" / "data" / "opencsp_sofast" / "facet.npz")
+    mask = data["expected_mask"].astype(bool)
+    frames = data["frames"].astype(float).reshape(2, 4, 4, *mask.shape)[0 if axis == "y" else 1]
+    maps = np.where(mask, np.arctan2(frames[:, 3] - frames[:, 1], frames[:, 0] - frames[:, 2]), np.nan)
+    extent = 1000.0
+    found = raster_coordinate(maps, np.full(maps.shape, 0.02), extent / data["fringe_counts"], extent, falls=falls)
+    position = found.px[mask] / extent
+    assert np.sqrt(np.mean((position - data["expected_fraction_xy"][row]) ** 2)) < 1e-4
+    assert np.rad2deg(found.zeros_rad) == pytest.approx(np.full(4, offset_deg), abs=1)
