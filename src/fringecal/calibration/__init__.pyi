@@ -31,6 +31,12 @@ from .grid_stage import (
 from .grid_stage import (
     demand_possible_height as demand_possible_height,
 )
+from .posed_plates import (
+    PosedPlate as PosedPlate,
+)
+from .posed_plates import (
+    form_by_poses as form_by_poses,
+)
 from .rig_stage import (
     Calibrated as Calibrated,
 )

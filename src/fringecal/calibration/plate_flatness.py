@@ -11,17 +11,20 @@ from fringecal.targets import Flat
 type Box = tuple[float, float, float, float]
 
 
-def plate_form(reference: Flat | None, camera: PlateCamera) -> PlateForm:
+def plate_form(reference: Flat | PlateForm | None, camera: PlateCamera) -> PlateForm:
     """Return what is known of the plate's form.
 
     Parameters
     ----------
     reference
         The plate as its certificate states it, or None. Its size is that of the part that its flatness is stated for,
-        with the middle of the picture as its middle; without one, and at least, that is what the camera sees.
+        with the middle of the picture as its middle; without one, and at least, that is what the camera sees. A form
+        that was measured (`form_by_poses`) is taken as it is.
     camera
         The camera on the plate.
     """
+    if isinstance(reference, PlateForm):
+        return reference
     box = seen_box(camera)
     if reference is None:
         return unknown_form(box)

@@ -18,6 +18,7 @@ from fringecal.projector import (
     Observations,
     OrderDecision,
     OriginAngles,
+    PlateForm,
     ProjectorPosition,
     RigCalibration,
     RigFit,
@@ -90,7 +91,7 @@ def calibrate_surfaces(
     standards: Sequence[Standard] = (),
     projector: ProjectorPosition | None = None,
     wave: Waveform | None = None,
-    reference: Flat | None = None,
+    reference: Flat | PlateForm | None = None,
     progress: Progress = lambda _: None,
 ) -> Calibrated:
     """Fit the rig to plate, strips and further standards, and measure the projection angle.
@@ -106,7 +107,7 @@ def calibrate_surfaces(
     wave
         Waveform of the fringes as found on the plate; kept with the rig for later pictures.
     reference
-        The plate as its certificate states it; without one its flatness counts as not stated.
+        The plate as its certificate states it, or its form as measured; without one its flatness is not stated.
     progress
         Called with a short sentence before each step.
 
