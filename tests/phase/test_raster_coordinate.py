@@ -139,7 +139,7 @@ def test_real_frames_give_the_published_screen_position(facet, axis, row, falls,
 
 @pytest.mark.parametrize(("axis", "row", "falls", "offset_deg"), [("y", 1, False, 36), ("x", 0, True, 0)])
 def test_real_frames_give_it_without_any_response_too(request, axis, row, falls, offset_deg) -> None:
-    """Four steps are blind to the even harmonics that a gamma makes, and the shortest fringe is a 64th of the screen."""
+    """Four steps are blind to the even harmonics of a gamma, and the shortest fringe is a 64th of the screen."""
     data = np.load(request.config.rootpath / "tests" / "data" / "opencsp_sofast" / "facet.npz")
     mask = data["expected_mask"].astype(bool)
     frames = data["frames"].astype(float).reshape(2, 4, 4, *mask.shape)[0 if axis == "y" else 1]

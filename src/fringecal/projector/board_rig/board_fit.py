@@ -23,7 +23,7 @@ from fringecal.projector.board_rig.board_problem import (
     residuals,
 )
 from fringecal.projector.board_rig.board_solve import Expected, Solution, minimise, solve
-from fringecal.projector.board_rig.board_start import camera_start, projector_start
+from fringecal.projector.board_rig.board_start import camera_start, projector_start, recentred
 from fringecal.projector.board_rig.rig_value import BOARD_RIG_NAMES, BoardRig
 
 Array = NDArray[np.float64]
@@ -35,6 +35,10 @@ MIN_POSES = 3
 _TERM_AT_CORNER = 0.1
 """Standard deviation expected of each term of a distortion, as a share of the radius at the picture's corner: no
 objective of a projector or of a measuring camera bends by more, and it holds a term of which boards tell nothing."""
+_START_STEPS = 12  # from each start of the projector, for each set of terms: to tell the better one
+_LATER_TERMS = ((5, 6, 7, 8), (6, 7))
+"""Terms of the projector's lens that are held while the others are looked for: k2, k3 and the tangential ones, beside a
+free principal point, lead astray from afar."""
 _START_ENOUGH = 1e-3  # relative fall of the camera's own sum of squares: it only leads to the projector's matrix
 _FOLLOWS = 0.7  # a u that is still this share of what was expected: the data said nothing
 _ORDERS = {4: 2, 5: 4, 6: 1, 7: 1, 8: 6}  # power of the radius by which each term's share of the radius grows
@@ -197,12 +201,36 @@ def _started(
     camera_size, projector_size, aspect, radial_terms = frames
     state, u = _camera_alone(poses, data, form, camera_size, radial_terms)
     points = placed_points(state, data)
-    lens, rotation, shift = projector_start([points[part] for part in data.slices()], poses, projector_size, aspect)
-    u[PROJECTOR] = _lens_u(lens, projector_size, radial_terms)
-    shared = state.shared.copy()
+    first, kept = projector_start([points[part] for part in data.slices()], poses, projector_size, aspect)
+    agree = np.isin(data.pose_of, kept)
+    weights = np.hstack([data.in_camera / data.camera_u, data.in_projector / data.projector_u]) * agree[:, None]
+    two_axes = bool(data.in_projector.any(axis=0).all())
+    starts = [first, recentred(*first, projector_size)] if two_axes else [first]
+    found = [_bent_from(state, u, (data, weights), start, (projector_size, radial_terms)) for start in starts]
+    return min(found, key=lambda one: one[0])[1:]
+
+
+def _bent_from(
+    state: BoardState,
+    u: Array,
+    points: tuple[BoardData, Array],
+    start: tuple[Array, Array, Array],
+    frame: tuple[Size, int],
+) -> tuple[float, BoardState, Expected]:
+    """Go some steps from a start of the projector, its distortion term by term; return what is left of squares too."""
+    (data, weights), (lens, rotation, shift) = points, start
+    u, shared = u.copy(), state.shared.copy()
+    u[PROJECTOR] = _lens_u(lens, *frame)
     shared[PROJECTOR], shared[SHIFT_OF] = lens, shift
     state = BoardState(shared, rotation, state.pose_rotations, state.pose_shifts)
-    return _one_axis(Expected(np.zeros(len(u)), u), data, state, projector_size)
+    state, expected = _one_axis(Expected(np.zeros(len(u)), u), data, state, frame[0])
+    squares = math.inf
+    for terms in _LATER_TERMS:
+        held = np.zeros(len(u), dtype=bool)
+        held[[PROJECTOR.start + term for term in terms]] = True
+        state, now = minimise(state, data, weights, expected.holding(held), steps=_START_STEPS, enough=_START_ENOUGH)
+        squares = now.squares
+    return squares, state, expected
 
 
 def _camera_alone(

@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 
 from fringecal.errors import FitError
 from fringecal.projector.board_rig.board_poses import BoardPose
+from fringecal.projector.board_rig.rig_value import turn_matrix
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
 
 #: Bounds of a first focal length, in lengths of the picture's longer side: fields of 118 deg and of 2 deg.
 _FOCAL_BOUNDS = (0.3, 30.0)
-_WRONG_POSE = 30.0  # by so much the squares fall without a pose whose points contradict the others'
+_WRONG_POSE = 4.0  # by so much the squares fall without a pose that contradicts the others
 _MOST_WRONG = 0.34  # share of the poses that may be left out of the start
 
 
@@ -104,8 +105,8 @@ def _placed(centred: Array, focal: Array) -> tuple[Array, Array]:
 
 def projector_start(
     points: Sequence[Array], poses: Sequence[BoardPose], size: Size, aspect: float
-) -> tuple[Array, Array, Array]:
-    """Return the projector's lens without distortion, its rotation and shift, from points in the camera's frame.
+) -> tuple[tuple[Array, Array, Array], list[int]]:
+    """Return the projector's lens without distortion, its rotation and shift, and which poses agree on it.
 
     Parameters
     ----------
@@ -127,11 +128,13 @@ def projector_start(
     if not known:
         raise FitError("no pose holds a coordinate of the projector; nothing tells where its light goes")
     if len(known) == 2:
-        matrix = _best_matrix([_dlt(p, pose, (0, 1), size) for p, pose in zip(unit, poses, strict=True)], (0, 1))
+        sums = [_dlt(p, pose, (0, 1), size) for p, pose in zip(unit, poses, strict=True)]
+        matrix, kept = _best_matrix(sums, (0, 1))
         lens, rotation, shift = _taken_apart(matrix, size)
     else:
         axis = known[0]
-        matrix = _best_matrix([_dlt(p, pose, (axis,), size) for p, pose in zip(unit, poses, strict=True)], (axis,))
+        sums = [_dlt(p, pose, (axis,), size) for p, pose in zip(unit, poses, strict=True)]
+        matrix, kept = _best_matrix(sums, (axis,))
         ahead = np.median((everything - middle) / spread @ matrix[2, :3]) + matrix[2, 3]
         lens, rotation, shift = _taken_apart_one_axis(matrix * (1 if ahead > 0 else -1), axis, size, aspect)
     shift = spread * shift - rotation @ middle
@@ -140,7 +143,19 @@ def projector_start(
         raise FitError(
             "by its coordinates the projector looks away from the boards; check that no axis of them is mirrored"
         )
-    return lens, rotation, shift
+    return (lens, rotation, shift), kept
+
+
+def recentred(lens: Array, rotation: Array, shift: Array, size: Size) -> tuple[Array, Array, Array]:
+    """Return the projector with its principal point in its frame's middle, turned so that it lights the same places.
+
+    A distortion that the matrix does not know shows as a principal point far outside, from which no steps lead back.
+    """
+    middle = (np.array(size) - 1) / 2
+    ray = np.append((lens[2:4] - middle) / lens[:2], 0.0)
+    turn = np.array([-ray[1], ray[0], 0.0])
+    swing = turn_matrix(turn / max(float(np.linalg.norm(turn)), 1e-12) * math.atan(float(np.linalg.norm(turn))))
+    return np.concatenate([lens[:2], middle, lens[4:]]), swing @ rotation, swing @ shift
 
 
 def _dlt(points: Array, pose: BoardPose, axes: tuple[int, ...], size: Size) -> Array:
@@ -156,7 +171,7 @@ def _dlt(points: Array, pose: BoardPose, axes: tuple[int, ...], size: Size) -> A
     return total
 
 
-def _best_matrix(sums: Sequence[Array], axes: tuple[int, ...]) -> Array:
+def _best_matrix(sums: Sequence[Array], axes: tuple[int, ...]) -> tuple[Array, list[int]]:
     """Matrix (3, 4) by the poses that agree on one: while the squares fall steeply without a pose, it is left out."""
     used = [*range(0, 4 * len(axes)), *range(8, 12)] if axes != (1,) else [*range(4, 12)]
     kept = list(range(len(sums)))
@@ -173,7 +188,7 @@ def _best_matrix(sums: Sequence[Array], axes: tuple[int, ...]) -> Array:
     found = np.zeros(12)
     found[used] = np.linalg.eigh(total)[1][:, 0]
     matrix = found.reshape(3, 4)
-    return np.asarray(matrix / np.linalg.norm(matrix[2, :3]))
+    return np.asarray(matrix / np.linalg.norm(matrix[2, :3])), kept
 
 
 def _taken_apart(matrix: Array, size: Size) -> tuple[Array, Array, Array]:
