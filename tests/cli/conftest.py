@@ -84,6 +84,7 @@ def reconstructed(data, calibration, tmp_path_factory) -> tuple[Path, dict]:
     """Measure the bars on the oblique rig once: the folder, and what was printed."""
     folder = tmp_path_factory.mktemp("cli") / "surface"
     arguments = ("--capture", "bars", "--calibration", calibration / "calibration.json", "--highest-mm", "25")
+    arguments += ("--also", "ply", "--also", "las", "--also", "gwy")
     return folder, made_by("reconstruct", data / "oblique", *arguments, "--out", folder)
 
 

@@ -2,8 +2,11 @@
 
 import json
 
+import gwyfile
+import laspy
 import numpy as np
 import pytest
+import trimesh
 from jsonschema import Draft202012Validator
 from scipy.ndimage import maximum_filter, minimum_filter
 
@@ -134,6 +137,10 @@ def test_reconstruct(data, reconstructed):
         assert abs(np.median((maps["z"] - true["bars"])[lit])) < 0.01
         demand_true_flanks(maps, true)
         assert printed["shares"]["valid"] == maps["mask"].mean()
+        for points in (laspy.read(out / "height.las").xyz, trimesh.load(out / "height-cloud.ply").vertices):
+            assert len(points) == maps["mask"].sum()
+            np.testing.assert_allclose(points[:, 2], maps["z"][maps["mask"]], atol=1e-5)
+    assert "/0/data" in gwyfile.load(str(out / "height.gwy"))
     assert printed["z_max_mm"] == pytest.approx(21.2, abs=0.5)
     demand_no_leftovers(out)
 

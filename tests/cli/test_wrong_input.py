@@ -177,6 +177,7 @@ def test_out_may_not_be_written(run, data, calibration, tmp_path):
     ("options", "word"),
     [
         (("--model", "magic"), "projective"),
+        (("--also", "dwg"), "ply, ply-text, las, e57, gwy"),
         (("--lowest-mm", "20", "--highest-mm", "10"), "not below"),
         (("--height", "3"), "No such option"),
     ],

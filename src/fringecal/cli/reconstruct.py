@@ -14,7 +14,8 @@ from fringecal.workflows.shared import command_line, given
 
 HELP = """Reconstruct an object: x, y, z and u(z) at every pixel, as maps, meshes and x3p.
 
-Writes height.npz, height.tif, height.ply, height.stl, height.obj, height.x3p, profiles.csv and report.html into DIR.
+Writes height.npz, height.tif, height.ply, height.stl, height.obj, height.x3p, profiles.csv and report.html into DIR;
+with --also point clouds in which each point has its u(z), and Gwyddion's height.gwy.
 
 Example: fringecal reconstruct bench/2026-11-22 --capture leaf --calibration calibration/calibration.json --out leaf
 """
@@ -42,12 +43,23 @@ def reconstruct(
     faces: int | None = typer.Option(None, "--faces", min=4, help="Thin the meshes to about so many faces."),
     watertight: bool = typer.Option(False, "--watertight", help="Close the meshes down to a base 1 mm below."),
     limits: Path | None = typer.Option(None, "--limits", help=LIMITS_HELP, show_default=False),
+    also: list[str] = typer.Option(
+        [], "--also", help="Further format: ply, ply-text, las or e57 (point clouds), gwy; again for more."
+    ),
     profile: list[int] = typer.Option([], "--profile", help="Picture row written to profiles.csv, again for more."),
     as_json: bool = typer.Option(False, "--json", help="Print a summary as one JSON document."),
 ) -> None:
     """Load, reconstruct, save, print."""
     from fringecal.projector import HEIGHT_MODELS
-    from fringecal.records import limits_for, read_calibration, result_folder, write_profiles, write_surfaces
+    from fringecal.records import (
+        demand_further,
+        limits_for,
+        read_calibration,
+        result_folder,
+        write_further,
+        write_profiles,
+        write_surfaces,
+    )
     from fringecal.session import load_session
     from fringecal.verification import FILTERS
     from fringecal.workflows.reconstruct import causes_in_words, measurement_checks, measurement_report, section_rows
@@ -59,6 +71,8 @@ def reconstruct(
             raise typer.BadParameter(f"a filter is one of {', '.join(FILTERS)}, found {name!r}")
     if model not in HEIGHT_MODELS:
         raise typer.BadParameter(f"model is one of {', '.join(HEIGHT_MODELS)}, found {model!r}")
+    _demand_further(also)
+    demand_further(also)
     demand_folder(out)
     heights = {"--lowest-mm": lowest, "--highest-mm": highest}
     filters = {name: chosen for name, chosen in (("--before", before), ("--after", after)) if chosen != "none"}
@@ -88,6 +102,7 @@ def reconstruct(
             pixels = found.surface.z.size
             stride = max(1, round((pixels / _MESH_PIXELS) ** 0.5))
             write_surfaces(staging, found.surface, stride=stride, faces=faces, watertight=watertight)
+            write_further(staging, found.surface, also)
             write_profiles(staging / "profiles.csv", found.surface, profile or section_rows(found.surface.mask))
             write_report(report, staging)
     summary = {
@@ -113,6 +128,15 @@ def reconstruct(
         highlight=False,
     )
     print_outcome(checks, (*causes, f"surface: {summary['height']}"), out)
+
+
+def _demand_further(forms: list[str]) -> None:
+    """Refuse a format that is none as what it is: a slip in the command."""
+    from fringecal.records import FURTHER
+
+    for form in forms:
+        if form not in FURTHER:
+            raise typer.BadParameter(f"one of {', '.join(FURTHER)} was needed, found {form!r}", param_hint="--also")
 
 
 def _demand_rows(rows: list[int], height: int) -> None:

@@ -67,6 +67,18 @@ from .plate_in_view import (
 from .plate_in_view import (
     visible_plate as visible_plate,
 )
+from .point_cloud import (
+    CAMERA_FRAME as CAMERA_FRAME,
+)
+from .point_cloud import (
+    PLATE_FRAME as PLATE_FRAME,
+)
+from .point_cloud import (
+    PointCloud as PointCloud,
+)
+from .point_cloud import (
+    cloud_of_map as cloud_of_map,
+)
 from .sections import (
     Section as Section,
 )

@@ -106,6 +106,18 @@ from .exports.cameramodel import (
 from .exports.cameramodel import (
     write_lens as write_lens,
 )
+from .exports.cloud_files import (
+    write_cloud as write_cloud,
+)
+from .exports.further_files import (
+    FURTHER as FURTHER,
+)
+from .exports.further_files import (
+    demand_further as demand_further,
+)
+from .exports.further_files import (
+    write_further as write_further,
+)
 from .exports.regular_grid import (
     RegularGrid as RegularGrid,
 )
