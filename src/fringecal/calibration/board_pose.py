@@ -125,7 +125,7 @@ def posed_board(
     seen = np.isfinite(corners).all(axis=-1)
     place, _ = _read_at(corners, raster, rules)
     columns, rows = np.meshgrid(np.arange(corners.shape[1]), np.arange(corners.shape[0]))
-    board = np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 3).astype(np.float64) * float(view.spacing_mm)
+    board = np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 3).astype(np.float64) * view.spacing_mm
     lit = np.isfinite(place).any(axis=-1)
     found = PosedBoard(
         name,

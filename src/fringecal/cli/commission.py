@@ -14,7 +14,7 @@ from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line, given
 
-HELP = """Calibrate a rig from a session that holds a grid, the bare plate and strips.
+HELP = """Calibrate a rig from a session with a grid, the bare plate and strips, or with a board in poses under fringes.
 
 Writes calibration.json, camera.cameramodel, tables, figures and report.html into DIR.
 Exit code 0 if all checks pass, 3 if one fails, 1 if the session cannot be used.
@@ -36,10 +36,13 @@ def commission(
     as_json: bool = typer.Option(False, "--json", help="Print the record as one JSON document."),
 ) -> None:
     """Load, commission, save, print."""
+    from fringecal.cli.shared.by_board import commission_by_board, show_board_calibration
     from fringecal.records import (
         CALIBRATION_FILE,
         CAMERAMODEL_FILE,
         EARLIER,
+        BoardCalibrationRecord,
+        CalibrationRecord,
         limits_for,
         result_folder,
         write_calibration,
@@ -47,7 +50,7 @@ def commission(
         written_document,
     )
     from fringecal.session import load_session
-    from fringecal.workflows.commission import calibration_record, commission_report
+    from fringecal.workflows.commission import calibration_record, commission_report, is_board_session
     from fringecal.workflows.commission import commission as run
 
     demand_folder(out)
@@ -55,31 +58,43 @@ def commission(
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
         loaded = load_session(session)
-        found = run(loaded, progress=show)
-        rig = found.calibrated.result.rig
-        record = calibration_record(found, command=command, limits=allowed)
-        show("writing the report")
-        with result_folder(out, last=CALIBRATION_FILE) as staging:
-            if not rig.camera.telecentric:
-                write_cameramodel(staging / CAMERAMODEL_FILE, rig.camera)
-            write_calibration(record, staging)
-            report = commission_report(
-                found,
-                command=" ".join(command),
-                created=datetime.now(UTC),
-                limits=allowed,
-                history=history_beside(staging, history),
-            )
-            write_report(report, staging)
+        record: CalibrationRecord | BoardCalibrationRecord
+        if is_board_session(loaded):
+            if history:
+                raise typer.BadParameter(
+                    "calibrations by a board are not kept in a history yet", param_hint="--history"
+                )
+            record = commission_by_board(loaded, out, command, allowed, show)
+        else:
+            found = run(loaded, progress=show)
+            rig = found.calibrated.result.rig
+            record = calibration_record(found, command=command, limits=allowed)
+            show("writing the report")
+            with result_folder(out, last=CALIBRATION_FILE) as staging:
+                if not rig.camera.telecentric:
+                    write_cameramodel(staging / CAMERAMODEL_FILE, rig.camera)
+                write_calibration(record, staging)
+                report = commission_report(
+                    found,
+                    command=" ".join(command),
+                    created=datetime.now(UTC),
+                    limits=allowed,
+                    history=history_beside(staging, history),
+                )
+                write_report(report, staging)
     if history:
         append_record(out / CALIBRATION_FILE, history)
     if as_json:
         print_json(written_document(record))
         raise typer.Exit(3 if any(check.decision == "fail" for check in record.checks) else 0)
+    kept = (f"earlier calibrations are kept in {out / EARLIER}",) if (out / EARLIER).is_dir() else ()
+    if isinstance(record, BoardCalibrationRecord):
+        show_board_calibration(record)
+        print_outcome(record.checks, (*record.notes, *kept), out)
+        return
     origin = found.calibrated.result.origin
     scales = found.calibrated.result.camera.scales
     console.print(_table(scales | {"angle": origin.angle, "apparent angle": origin.apparent}))
-    kept = (f"earlier calibrations are kept in {out / EARLIER}",) if (out / EARLIER).is_dir() else ()
     print_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
 
 

@@ -16,6 +16,24 @@ from .audit_record import (
 from .audit_record import (
     write_audit as write_audit,
 )
+from .board_calibration import (
+    BoardCalibrationRecord as BoardCalibrationRecord,
+)
+from .board_calibration import (
+    PoseRecord as PoseRecord,
+)
+from .board_calibration import (
+    RasterRecord as RasterRecord,
+)
+from .board_calibration import (
+    VolumeRecord as VolumeRecord,
+)
+from .board_calibration import (
+    read_board_calibration as read_board_calibration,
+)
+from .board_calibration import (
+    write_board_calibration as write_board_calibration,
+)
 from .calibration_record import (
     CALIBRATION_FILE as CALIBRATION_FILE,
 )
@@ -24,6 +42,9 @@ from .calibration_record import (
 )
 from .calibration_record import (
     CalibrationRecord as CalibrationRecord,
+)
+from .calibration_record import (
+    ImageRecord as ImageRecord,
 )
 from .calibration_record import (
     parse_calibration as parse_calibration,

@@ -112,6 +112,9 @@ from .figures.table_bars import (
 from .figures.table_bars import (
     comparison_bars as comparison_bars,
 )
+from .figures.volume_figures import (
+    volume_drawing as volume_drawing,
+)
 from .html import (
     render_html as render_html,
 )

@@ -11,6 +11,7 @@ from fringecal.session.fringe_axes import along, axes_of
 from fringecal.session.model_file import ModelFile
 from fringecal.session.parse import Parsed
 
+_ASPECTS = {"square": 1.0, "diamond": 0.5}  # distance of rows over that of columns
 _ROOM_U_DEGC = 1.0  # of a temperature that states none: a room thermometer, and an artefact that has lain beside it
 
 
@@ -40,7 +41,8 @@ def _projector(table: ProjectorTable | None) -> ProjectorKnown | None:
         return None
     mirror = None if table.mirror is None else MirrorKnown(table.mirror.point_mm, table.mirror.normal)
     resolution = None if table.resolution_px is None else (table.resolution_px[0], table.resolution_px[1])
-    return ProjectorKnown(table.position_mm, mirror, resolution)
+    aspect = table.pixel_aspect if table.pixels is None else _ASPECTS[table.pixels]
+    return ProjectorKnown(table.position_mm, mirror, resolution, aspect)
 
 
 def _camera(document: SessionDocument, model: ModelFile | None) -> CameraKnown:

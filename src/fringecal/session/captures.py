@@ -59,11 +59,14 @@ class ProjectorKnown:
         A mirror that it is seen in: the position is then that of the projector itself, not of its image.
     resolution_px
         Columns and rows of its raster, or None.
+    pixel_aspect
+        Distance of rows over that of columns, where it is stated: 0.5 for diamond pixels.
     """
 
     position_mm: Quantity | None = None
     mirror: MirrorKnown | None = None
     resolution_px: tuple[int, int] | None = None
+    pixel_aspect: float | None = None
 
 
 @dataclass(frozen=True)

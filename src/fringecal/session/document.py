@@ -68,11 +68,15 @@ class ProjectorTable(_Table):
     position_mm: Quantity | None = None
     mirror: MirrorTable | None = None
     resolution_px: Annotated[list[Pixels], Field(min_length=2, max_length=2)] | None = None
+    pixel_aspect: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    pixels: Literal["square", "diamond"] | None = None
 
     @model_validator(mode="after")
     def _says_something(self) -> "ProjectorTable":
         if self.position_mm is None and self.resolution_px is None:
             raise ValueError("position_mm is missing, and resolution_px as well: one of them is what the table is for")
+        if self.pixel_aspect is not None and self.pixels is not None:
+            raise ValueError("pixel_aspect and pixels are two statements of one fact; keep one of them")
         if self.position_mm is None and self.mirror is not None:
             raise ValueError("a mirror without position_mm moves nothing: state where the projector itself stands")
         if self.position_mm is not None:

@@ -86,6 +86,8 @@ _NEEDED = {
     "zeros_deg": "list the phase of each period at the projector's first pixel, in degrees",
     "falling": "list the axes along which the phase falls; [] says that it rises along each",
     "resolution_px": "write resolution_px = [columns, rows] of the projector",
+    "pixel_aspect": "write the height of the projector's pixels over their width",
+    "pixels": 'write "square" or "diamond"',
     "white": "list the picture or pictures lit by the projector evenly white",
     "black": "list the picture or pictures taken with the projector black",
     "value": "write a finite number, or a list of them",

@@ -25,6 +25,27 @@ from .angle_tables import (
 from .artefact_sections import (
     verified_sections as verified_sections,
 )
+from .by_board.board_judged import (
+    board_checks as board_checks,
+)
+from .by_board.board_run import (
+    BoardCommissioning as BoardCommissioning,
+)
+from .by_board.board_run import (
+    commission_boards as commission_boards,
+)
+from .by_board.board_run import (
+    is_board_session as is_board_session,
+)
+from .by_board.board_sections import (
+    board_report as board_report,
+)
+from .by_board.board_written import (
+    board_calibration_record as board_calibration_record,
+)
+from .by_board.board_written import (
+    board_rig_of as board_rig_of,
+)
 from .calibrated_session import (
     CalibratedSession as CalibratedSession,
 )

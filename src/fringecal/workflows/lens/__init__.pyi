@@ -23,6 +23,9 @@ from .report import (
     lens_section as lens_section,
 )
 from .run import (
+    board_pictures as board_pictures,
+)
+from .run import (
     known_lens as known_lens,
 )
 from .run import (

@@ -1,0 +1,1 @@
+"""A rig calibrated by a board in poses: run, numbers, checks, record and report."""

@@ -1,0 +1,274 @@
+"""Commission a rig by a board in poses: camera and projector from the fringes on it, then what their trust rests on."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fringecal.calibration import PosedBoard, RasterMap, posed_board
+from fringecal.errors import FitError, PhaseError, SessionError
+from fringecal.numerics import MAD_TO_SD
+from fringecal.phase import RasterCoordinate, Waveform
+from fringecal.projector import BoardPose, BoardRigFit, BoardStatement, PoseFit, fit_board_rig
+from fringecal.session import Capture, Session
+from fringecal.targets import Charuco, Chessboard, Target
+from fringecal.workflows.lens import board_pictures
+from fringecal.workflows.shared import AxisPhase, raster_of_capture
+
+Progress = Callable[[str], None]
+
+_LEAST_POSES = 3
+_SUSPECT = 5.0  # times what most poses have, that a pose's median residual may be: beyond, the board moved in between
+
+
+@dataclass(frozen=True)
+class BoardCommissioning:
+    """A rig calibrated by a board in poses.
+
+    Parameters
+    ----------
+    session
+        What it was calibrated from.
+    captures
+        The board's captures, one for each pose, as `posed`.
+    posed
+        What each shows, also those left aside, with the reason.
+    fit
+        The calibration; its poses are those of `used`, in their order.
+    rasters
+        How the fringes along each axis count the projector's pixels.
+    picture
+        The board in one pose, by even light, for the report.
+    """
+
+    session: Session
+    captures: tuple[Capture, ...]
+    posed: tuple[PosedBoard, ...]
+    fit: BoardRigFit
+    rasters: dict[str, RasterCoordinate]
+    picture: NDArray[np.generic]
+
+    @property
+    def used(self) -> tuple[PosedBoard, ...]:
+        """Poses that took part."""
+        return tuple(one for one in self.posed if one.pose is not None)
+
+    @property
+    def target(self) -> Target:
+        """The board."""
+        target = self.captures[0].target
+        assert target is not None
+        return target
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a reader of the record should know besides the numbers."""
+        aside = [f"pose {one.name} is left aside: {one.reason}" for one in self.posed if one.pose is None]
+        axes = [f"axis {name}: {raster.sentence()}" for name, raster in self.rasters.items()]
+        return (*axes, *_one_axis(self.fit.rig.axes), *_undetermined(self.fit.rig.undetermined), *aside)
+
+
+def _one_axis(axes: tuple[str, ...]) -> tuple[str, ...]:
+    if len(axes) > 1:
+        return ()
+    return (
+        f"fringes along {axes[0]} alone: the projector's other coordinate, its place and the turn about its fringes "
+        "are not determined by them, and no wrong fringe order shows; points in space are determined all the same",
+    )
+
+
+def _undetermined(names: tuple[str, ...]) -> tuple[str, ...]:
+    return (f"the poses tell nothing of {', '.join(names)}; what was assumed of them stands",) if names else ()
+
+
+def is_board_session(session: Session) -> bool:
+    """Tell whether a session is to be calibrated by a board with fringes: it has such poses, and no strips."""
+    return any(capture.axes for capture in session.find("board")) and not session.find("strips")
+
+
+def commission_boards(session: Session, *, progress: Progress = lambda _: None) -> BoardCommissioning:
+    """Calibrate camera and projector from a session whose board captures carry fringes.
+
+    Parameters
+    ----------
+    session
+        A checked session with a board in three poses and more, each under fringes along one axis or both.
+    progress
+        Called with a short sentence before each step.
+
+    Raises
+    ------
+    SessionError
+        Boards of different kinds, or too few poses that show what is needed; each with its reason.
+    FitError
+        The poses do not determine the rig.
+    """
+    captures = tuple(capture for capture in session.find("board") if capture.axes)
+    _demand_one_board(captures)
+    found, rasters = _measured(captures, progress)
+    found = _turned(found, rasters)
+    demand_poses(found)
+    progress("solving for camera, projector and poses")
+    found, fit = solved_poses(session, captures, found)
+    picture = next(image for _, image in board_pictures(captures[0]))
+    return BoardCommissioning(session, captures, found, fit, rasters, picture)
+
+
+def _demand_one_board(captures: Sequence[Capture]) -> None:
+    if any(capture.target != captures[0].target for capture in captures):
+        raise SessionError(["captures of kind 'board' name different targets; a rig is calibrated by one board"])
+
+
+def _measured(
+    captures: Sequence[Capture], progress: Progress
+) -> tuple[tuple[PosedBoard, ...], dict[str, RasterCoordinate]]:
+    """Read the projector's coordinates at the corners of each pose; the first capture's phase zeros hold for all."""
+    found: list[PosedBoard] = []
+    like: dict[str, AxisPhase] = {}
+    for capture in captures:
+        progress(f"phase and corners of {capture.name}")
+        try:
+            axes = [_axis(capture, axis.name, like.get(axis.name)) for axis in capture.axes]
+        except PhaseError as error:
+            found.append(PosedBoard(capture.name, None, str(error)))
+            continue
+        for axis in axes:
+            like.setdefault(axis.axis, axis)
+        (_, image), target = next(iter(board_pictures(capture))), capture.target
+        assert target is not None
+        found.append(posed_board(capture.name, image, target, _raster_map(axes, capture.shape)))
+    return tuple(found), {name: axis.raster for name, axis in like.items()}
+
+
+def _axis(capture: Capture, name: str, like: AxisPhase | None) -> AxisPhase:
+    """Count along one axis as the first capture does: its zeros, its direction, and its waveform."""
+    raster, wave = (None, None) if like is None else (like.raster, _wave(like))
+    found = raster_of_capture(capture, name, like=raster, wave=wave)
+    return found if like is None or found.raster.falls == like.raster.falls else _mirrored(found)
+
+
+def _wave(like: AxisPhase) -> Waveform | None:
+    return like.adapted.found_wave
+
+
+def _mirrored(axis: AxisPhase) -> AxisPhase:
+    return replace(axis, raster=axis.raster.mirrored())
+
+
+def _raster_map(axes: Sequence[AxisPhase], shape: tuple[int, int]) -> RasterMap:
+    px, u_px = np.full((2, *shape), np.nan), np.full((2, *shape), np.nan)
+    for axis in axes:
+        k = "uv".index(axis.axis)
+        px[k], u_px[k] = axis.raster.px, axis.raster.u_px
+    return RasterMap(px, u_px)
+
+
+def _turned(found: tuple[PosedBoard, ...], rasters: dict[str, RasterCoordinate]) -> tuple[PosedBoard, ...]:
+    """Count one axis the other way if the projector would else see boards mirrored: its phase falls.
+
+    A camera and a projector before the same side of a board see it turn the same way.
+    """
+    if sum(one.handed for one in found) >= 0:
+        return found
+    raster = rasters["u"]
+    rasters["u"] = raster.mirrored()
+    return tuple(one if one.pose is None else replace(one, pose=_flipped(one.pose, raster)) for one in found)
+
+
+def _flipped(pose: BoardPose, raster: RasterCoordinate) -> BoardPose:
+    place = pose.projector_px.copy()
+    place[:, 0] = replace(raster, px=place[:, 0]).mirrored().px
+    return replace(pose, projector_px=place)
+
+
+def demand_poses(found: Sequence[PosedBoard]) -> None:
+    """Refuse fewer than three poses that can be used, with the reason of each that cannot.
+
+    Raises
+    ------
+    SessionError
+        There are fewer.
+    """
+    used = [one for one in found if one.pose is not None]
+    if len(used) < _LEAST_POSES:
+        reasons = [f"capture {one.name!r}: {one.reason}" for one in found if one.pose is None]
+        needed = f"{len(used)} of {len(found)} poses of the board can be used, {_LEAST_POSES} are needed"
+        raise SessionError([f"{needed}; take more, tilted 20 to 40 deg to different sides", *reasons])
+
+
+def solved_poses(
+    session: Session, captures: Sequence[Capture], found: tuple[PosedBoard, ...]
+) -> tuple[tuple[PosedBoard, ...], BoardRigFit]:
+    """Solve; leave aside poses that disagree with the others, and solve again.
+
+    Parameters
+    ----------
+    session, captures
+        The session, and the captures of its board.
+    found
+        What each of these shows.
+
+    Raises
+    ------
+    FitError
+        The poses do not determine the rig.
+    """
+    fit = _fit(session, captures, found)
+    suspects = dict(_disagreeing(fit, [one.pose for one in found if one.pose is not None]))
+    if not suspects or len(fit.poses) - len(suspects) < _LEAST_POSES:
+        return found, fit
+    found = tuple(one.aside(suspects[one.name]) if one.name in suspects else one for one in found)
+    return found, _fit(session, captures, found)
+
+
+def _fit(session: Session, captures: Sequence[Capture], found: Sequence[PosedBoard]) -> BoardRigFit:
+    projector = session.projector
+    assert projector is not None
+    assert projector.resolution_px is not None
+    height, width = captures[0].shape
+    aspect = 1.0 if projector.pixel_aspect is None else 1 / projector.pixel_aspect
+    poses = [one.pose for one in found if one.pose is not None]
+    target = captures[0].target
+    assert target is not None
+    return fit_board_rig(
+        poses, (width, height), projector.resolution_px, board=statement_of(target), projector_aspect=aspect
+    )
+
+
+def statement_of(target: Target) -> BoardStatement:
+    """Return what is known of a board: the relative uncertainty of its lengths.
+
+    Raises
+    ------
+    FitError
+        The target is no board of squares.
+    """
+    if not isinstance(target, Chessboard | Charuco):
+        raise FitError(
+            f"a {target.kind} under fringes: corners of squares are read best; use a chessboard or a ChArUco board"
+        )
+    own = target.square_mm.estimate("square", "mm")
+    return BoardStatement(pitch_u_rel=float(np.hypot(own.u / own.value, target.thermal_rel_u)))
+
+
+def _disagreeing(fit: BoardRigFit, given: Sequence[BoardPose]) -> Iterator[tuple[str, str]]:
+    """Name poses whose residuals, of points left out as well, are far above those of most, and say so."""
+    for device, k in (("camera", 0), ("projector", 2)):
+        sizes = [_typical(pose, seen, k) for pose, seen in zip(fit.poses, given, strict=True)]
+        usual = float(np.median(sizes))
+        for pose, size in zip(fit.poses, sizes, strict=True):
+            if size > _SUSPECT * usual:
+                reason = (
+                    f"its points are off by {size:.2g} px in the {device}, those of most poses by {usual:.2g} px: did "
+                    "the board move between the frames?"
+                )
+                yield pose.name, reason
+
+
+def _typical(pose: PoseFit, given: BoardPose, k: int) -> float:
+    rest, seen = (
+        (pose.camera_residual_px, given.camera_px) if k == 0 else (pose.projector_residual_px, given.projector_px)
+    )
+    known = rest[np.isfinite(seen)]
+    return float(MAD_TO_SD * np.median(np.abs(known))) if known.size else 0.0
