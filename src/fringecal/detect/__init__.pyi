@@ -26,6 +26,9 @@ from .fringes.skeleton import (
     skeleton_centres as skeleton_centres,
 )
 from .grid.given_crossings import (
+    grid_of_board as grid_of_board,
+)
+from .grid.given_crossings import (
     grid_of_crossings as grid_of_crossings,
 )
 from .grid.grid_search import (

@@ -12,7 +12,7 @@ from fringecal.session.faults import Fault, joined
 from fringecal.session.fringe_axes import along, number_of_sets
 
 _TARGETS_OF = {
-    "grid": frozenset({"line-grid"}),
+    "grid": frozenset({"line-grid", "chessboard", "charuco", "dots"}),
     "board": frozenset({"chessboard", "charuco", "dots", "line-grid"}),
     "reference": frozenset({"flat"}),
     "strips": frozenset({"strips"}),

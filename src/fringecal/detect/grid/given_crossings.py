@@ -1,13 +1,17 @@
 """A grid whose crossings were measured elsewhere: indexed points in, the same value as from a picture out."""
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from fringecal.detect.grid.grid_search import FAMILIES, MIN_LINES, GridDetection, GridLine
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
 from fringecal.detect.grid.line_scatter import LineScatter
 from fringecal.errors import DetectionError
+from fringecal.numerics import robust_sd
+
+_LEAST_SIGMA_PX = 0.01  # of a corner or dot: less no detector reaches on pixels
+_SECOND_DIFFERENCE_SD = 6**0.5  # of independent points of unit standard deviation
 
 
 def grid_of_crossings(
@@ -71,3 +75,39 @@ def grid_of_crossings(
     return GridDetection(
         sites[0], sites[1], points[0], points[1], sigma, lines, shape, "dark", LineProfile(0.0, 0.0), scatter=scatter
     )
+
+
+def grid_of_board(points_px: ArrayLike, shape: tuple[int, ...]) -> GridDetection:
+    """Return the corners or dots of a board as a detected grid.
+
+    Parameters
+    ----------
+    points_px
+        Places (u, v) of all corners, (rows, columns, 2), px; NaN where one is hidden.
+    shape
+        (height, width) of the picture, px.
+
+    Raises
+    ------
+    DetectionError
+        Fewer than 3 x 3 of them.
+
+    Notes
+    -----
+    How well a corner is placed is told by its neighbours, between which a picture bends evenly: the scatter of second
+    differences along rows and columns over the square root of 6.
+    """
+    points = np.asarray(points_px, float)
+    row, column = np.nonzero(np.isfinite(points).all(axis=2))
+    u, v = points[row, column].T
+    bends = [_bends(points), _bends(points.transpose(1, 0, 2))]
+    scatter = robust_sd(np.concatenate(bends)) / _SECOND_DIFFERENCE_SD if sum(map(len, bends)) else 0.0
+    sigma = max(scatter, _LEAST_SIGMA_PX)
+    return grid_of_crossings(row, column, u, v, shape=(shape[0], shape[1]), sigma_px=sigma)
+
+
+def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return second differences along the rows, without what all have in common, px."""
+    bend = np.diff(points, n=2, axis=1).reshape(-1, 2)
+    bend = bend[np.isfinite(bend).all(axis=1)]
+    return (bend - np.median(bend, axis=0)).ravel() if len(bend) else np.zeros(0)

@@ -14,10 +14,10 @@ from fringecal.numerics import wrap
 from fringecal.phase import unwrap
 from fringecal.projector import RigCalibration, RigState, StripPhase, measure_strips, numberings
 from fringecal.session import Capture, Session
-from fringecal.targets import LineGrid, Strips
+from fringecal.targets import Strips
 from fringecal.uncertainty import Estimate, Influence
 from fringecal.workflows.audit.layout import PLATE_DEGREE, Blocks, StripBlocks, block_means, strip_step
-from fringecal.workflows.commission import grid_with_pitch
+from fringecal.workflows.commission import SCALED, grid_with_pitch
 from fringecal.workflows.lens import known_lens
 from fringecal.workflows.shared import CapturePhase, phase_of_capture, within_border
 
@@ -79,13 +79,13 @@ def measured_grid(
     Raises
     ------
     SessionError
-        The grid's target is no line grid.
+        The grid's target is neither a line grid nor a board.
     DetectionError, FitError
         No grid shows, or it does not determine the camera.
     """
     target = capture.target
-    if not isinstance(target, LineGrid):
-        raise SessionError([f"capture {capture.name!r}: its target is no line grid; name one"])
+    if not isinstance(target, SCALED):
+        raise SessionError([f"capture {capture.name!r}: its target is neither a line grid nor a board; name one"])
     detection, pitch = grid_with_pitch(capture, target)
     camera = calibration.camera
     place = CAMERA_NAMES.index("height_mm")

@@ -53,6 +53,9 @@ from .calibrated_session import (
     calibrate_session as calibrate_session,
 )
 from .camera import (
+    SCALED as SCALED,
+)
+from .camera import (
     camera_knowledge as camera_knowledge,
 )
 from .camera import (
