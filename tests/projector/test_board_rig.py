@@ -22,6 +22,7 @@ from fringecal.projector import (
 
 DATA = Path(__file__).parents[1] / "data" / "dp_tpu_ball"
 CAMERA, PROJECTOR = (1280, 1024), (912, 1140)
+BOARD_CORNER = np.array([-48.0, -36.0, 0.0])  # mm, the first of its points
 
 
 def drawn_rig() -> BoardRig:
@@ -183,6 +184,40 @@ def test_opencv_agrees_where_it_solves_the_same():
         (fit.rig.shift_mm[0], found[6][0, 0], fit.rig.estimate("projector.shift_x_mm")),
     )]  # fmt: skip
     assert max(weighted) < 0.5
+
+
+def test_mrcal_agrees_where_it_solves_the_same():
+    """Equal weights, Brown's five terms, a flat board: mrcal's own least squares of two cameras from our answer."""
+    mrcal = pytest.importorskip("mrcal")
+    poses = [dataclasses.replace(p, read_at_camera=False) for p in
+             drawn_poses(drawn_rig(), np.random.default_rng(11), sigma_px=0.05)]  # fmt: skip
+    fit = fit_board_rig(poses, CAMERA, PROJECTOR, warp_degree=0, equal_weights=True)
+    used = np.concatenate([pose.used for pose in fit.poses])
+    seen = np.stack([np.stack([p.camera_px, p.projector_px]) for p in poses]).reshape(-1, 63, 2)
+    weights = np.stack([[pose.used[:, :2].all(axis=1), pose.used[:, 2:].all(axis=1)] for pose in fit.poses])
+    board = np.concatenate([seen, np.where(weights.reshape(-1, 63, 1), 1.0, -1.0)], axis=2).reshape(-1, 7, 9, 3)
+    corner = [pose.rotation @ BOARD_CORNER + pose.shift_mm for pose in fit.poses]
+    state = {
+        "intrinsics": np.stack([fit.rig.camera.values, fit.rig.projector.values]),
+        "rt_cam_ref": np.append(cv2.Rodrigues(fit.rig.rotation)[0].ravel(), fit.rig.shift_mm / 1e3)[None],
+        "rt_ref_frame": np.stack([np.append(cv2.Rodrigues(p.rotation)[0].ravel(), c / 1e3)
+                                  for p, c in zip(fit.poses, corner, strict=True)]),
+    }  # fmt: skip
+    found = mrcal.optimize(
+        **state, points=None, observations_board=board,
+        indices_frame_camintrinsics_camextrinsics=np.array([[k // 2, k % 2, k % 2 - 1] for k in range(20)], np.int32),
+        observations_point=None, indices_point_camintrinsics_camextrinsics=None,
+        imagersizes=np.array([CAMERA, PROJECTOR], np.int32), calibration_object_spacing=0.012,
+        lensmodel="LENSMODEL_OPENCV5", calobject_warp=None, do_optimize_intrinsics_core=True,
+        do_optimize_intrinsics_distortions=True, do_optimize_extrinsics=True, do_optimize_frames=True,
+        do_optimize_calobject_warp=False, do_apply_outlier_rejection=False, do_apply_regularization=False,
+    )  # fmt: skip
+    rest = found["x"][: 2 * 63 * 20].reshape(-1, 63, 2)[weights.reshape(-1, 63)]
+    assert used.mean() > 0.99
+    assert fit.stereo_rms_px == pytest.approx(np.sqrt((rest**2).sum(axis=1).mean()), rel=1e-3)
+    u = np.sqrt(np.diag(fit.rig.camera.covariance))
+    # Of k1 to k3 mrcal expects nothing: along what the boards do not tell of them it goes further.
+    assert np.all(np.abs(state["intrinsics"][0] - fit.rig.camera.values)[:4] < 0.1 * u[:4])
 
 
 @pytest.mark.parametrize(("name", "rms_um", "published_mm"), [("real", 32.0, 25.467), ("sim", 14.0, 25.429)])

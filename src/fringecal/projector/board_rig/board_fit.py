@@ -39,7 +39,8 @@ _START_STEPS = 12  # from each start of the projector, for each set of terms: to
 _LATER_TERMS = ((5, 6, 7, 8), (6, 7))
 """Terms of the projector's lens that are held while the others are looked for: k2, k3 and the tangential ones, beside a
 free principal point, lead astray from afar."""
-_START_ENOUGH = 1e-3  # relative fall of the camera's own sum of squares: it only leads to the projector's matrix
+_GOOD_START_PX = 0.5  # rms of a coordinate, from which on a start needs no other beside it
+_START_ENOUGH = 1e-2  # relative fall of the camera's own sum of squares: it only leads to the projector's matrix
 _FOLLOWS = 0.7  # a u that is still this share of what was expected: the data said nothing
 _ORDERS = {4: 2, 5: 4, 6: 1, 7: 1, 8: 6}  # power of the radius by which each term's share of the radius grows
 
@@ -203,11 +204,18 @@ def _started(
     points = placed_points(state, data)
     first, kept = projector_start([points[part] for part in data.slices()], poses, projector_size, aspect)
     agree = np.isin(data.pose_of, kept)
-    weights = np.hstack([data.in_camera / data.camera_u, data.in_projector / data.projector_u]) * agree[:, None]
-    two_axes = bool(data.in_projector.any(axis=0).all())
-    starts = [first, recentred(*first, projector_size)] if two_axes else [first]
-    found = [_bent_from(state, u, (data, weights), start, (projector_size, radial_terms)) for start in starts]
-    return min(found, key=lambda one: one[0])[1:]
+    weights = np.hstack([data.in_camera, data.in_projector]) * agree[:, None].astype(float)
+    starts = [first, recentred(*first, projector_size)] if data.in_projector.any(axis=0).all() else [first]
+    best = (math.inf, state, Expected(np.zeros(len(u)), u))
+    for start in starts:
+        best = min(best, _bent_from(state, u, (data, weights), start, (projector_size, radial_terms)), key=_first)
+        if best[0] < _GOOD_START_PX**2 * weights.sum():
+            break
+    return best[1:]
+
+
+def _first(one: tuple[float, BoardState, Expected]) -> float:
+    return one[0]
 
 
 def _bent_from(

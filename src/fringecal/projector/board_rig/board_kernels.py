@@ -1,6 +1,8 @@
 """Compiled sums over the points of a board rig: residuals, their derivatives, and each pose's normal equations.
 
-The order of parameters is that of `board_problem`. Every function works on buffers that its caller made.
+A pose's points are taken together: every quantity is a row of numbers, one for each point, and every loop over points
+is plain arithmetic without a branch, so that it runs several points at once. The order of parameters is that of
+`board_problem`.
 """
 
 from typing import NamedTuple
@@ -10,10 +12,13 @@ from numba import njit
 
 _FAST = {"contract", "nsz"}
 _LEAST_AREA = 1e-12  # of a point's image, relative: below it the board is seen edge-on and a corner has no place on it
+#: Rows of the work: points turned into the camera's axes, in the camera's and in the projector's frame; derivatives of
+#: the camera's and the projector's two coordinates by the point (six each), and by the place on the board (four each).
+_TURNED, _IN_CAMERA, _IN_PROJECTOR, _SLOPES, _ACROSS, WORK_ROWS = 0, 3, 6, 9, 21, 29
 
 
 class PointArrays(NamedTuple):
-    """Points of all poses: on the board (n, 3), the warp's lifts (n, terms), in both pictures (n, 4), coupled (n,)."""
+    """Points of all poses: on the board (3, n), the warp's lifts (terms, n), in both pictures (4, n), coupled (n,)."""
 
     board: np.ndarray
     lifts: np.ndarray
@@ -30,177 +35,206 @@ class StateArrays(NamedTuple):
     pose_shifts: np.ndarray
 
 
-class PointWork(NamedTuple):
-    """Buffers for one point: derivatives, (4, size) by all, (4, 3) by the place, (4, 2) on the board; rests; places.
+class PoseWork(NamedTuple):
+    """Buffers for one pose: derivatives (4, size, points), rests (4, points), and `WORK_ROWS` rows of points."""
 
-    Whole buffers are handed on, with the row where a device's begin (0 camera, 2 projector): a slice costs as much as
-    half a point.
-    """
-
-    rows: np.ndarray
+    columns: np.ndarray
     rest: np.ndarray
-    points: np.ndarray
-    slopes: np.ndarray
-    across: np.ndarray
+    rows: np.ndarray
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _seen(first, place, shared, work):  # type: ignore[no-untyped-def]
-    """Project a place and differentiate by it and by the lens, as `lens_gradient` does, into two rows from `first`."""
-    c, second, rows, slopes = 9 * (first // 2), first + 1, work.rows, work.slopes
-    fx, fy, k1, k2 = shared[c], shared[c + 1], shared[c + 4], shared[c + 5]
-    p1, p2, k3 = shared[c + 6], shared[c + 7], shared[c + 8]
-    w = 1 / work.points[place, 2]
-    x, y = work.points[place, 0] * w, work.points[place, 1] * w
-    r2 = x * x + y * y
-    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-    rise = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
-    xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    cross = x * y * rise + 2 * p1 * x + 2 * p2 * y
-    work.rest[first], work.rest[second] = fx * xd + shared[c + 2], fy * yd + shared[c + 3]
-    slopes[first, 0] = fx * w * (radial + x * x * rise + 2 * p1 * y + 6 * p2 * x)
-    slopes[first, 1], slopes[second, 0] = fx * w * cross, fy * w * cross
-    slopes[second, 1] = fy * w * (radial + y * y * rise + 6 * p1 * y + 2 * p2 * x)
-    slopes[first, 2] = -(slopes[first, 0] * x + slopes[first, 1] * y)
-    slopes[second, 2] = -(slopes[second, 0] * x + slopes[second, 1] * y)
-    rows[first, c], rows[second, c + 1], rows[first, c + 2], rows[second, c + 3] = xd, yd, 1.0, 1.0
-    x, y = fx * x, fy * y
-    rows[first, c + 4], rows[second, c + 4] = x * r2, y * r2
-    rows[first, c + 5], rows[second, c + 5] = x * r2 * r2, y * r2 * r2
-    rows[first, c + 8], rows[second, c + 8] = x * r2 * r2 * r2, y * r2 * r2 * r2
-    x, y = x / fx, y / fy
-    rows[first, c + 6], rows[second, c + 6] = fx * 2 * x * y, fy * (r2 + 2 * y * y)
-    rows[first, c + 7], rows[second, c + 7] = fx * (r2 + 2 * x * x), fy * 2 * x * y
-
-
-@njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _place(n, pose, points, state, out):  # type: ignore[no-untyped-def]
-    """Put a point on its board (0), turned to the camera's axes (1), in the camera's (2) and projector's frame (3)."""
-    shared = state.shared
-    scale, stretch = shared[24], shared[25]
-    lift = points.board[n, 2]
-    for j in range(points.lifts.shape[1]):
-        lift += shared[26 + j] * points.lifts[n, j]
-    out[0, 0] = points.board[n, 0] * (1 + scale + stretch / 2)
-    out[0, 1] = points.board[n, 1] * (1 + scale - stretch / 2)
-    out[0, 2] = lift
-    turn, rotation = state.pose_rotations[pose], state.rotation
+def _place(pose, first, count, points, state, work):  # type: ignore[no-untyped-def]
+    """Put the points of a pose on their board, into the camera's frame and into the projector's."""
+    shared, turn, shift, r = state.shared, state.pose_rotations, state.pose_shifts, state.rotation
+    along, down = 1 + shared[24] + shared[25] / 2, 1 + shared[24] - shared[25] / 2
+    lift = work[_ACROSS]
+    for n in range(count):
+        lift[n] = points.board[2, first + n]
+    for j in range(points.lifts.shape[0]):
+        w = shared[26 + j]
+        for n in range(count):
+            lift[n] += w * points.lifts[j, first + n]
     for i in range(3):
-        out[1, i] = turn[i, 0] * out[0, 0] + turn[i, 1] * out[0, 1] + turn[i, 2] * out[0, 2]
-        out[2, i] = out[1, i] + state.pose_shifts[pose, i]
+        a, b, c, t = turn[pose, i, 0] * along, turn[pose, i, 1] * down, turn[pose, i, 2], shift[pose, i]
+        for n in range(count):
+            turned = a * points.board[0, first + n] + b * points.board[1, first + n] + c * lift[n]
+            work[_TURNED + i, n], work[_IN_CAMERA + i, n] = turned, turned + t
     for i in range(3):
-        out[3, i] = rotation[i, 0] * out[2, 0] + rotation[i, 1] * out[2, 1] + rotation[i, 2] * out[2, 2]
-        out[3, i] += shared[21 + i]
+        a, b, c, t = r[i, 0], r[i, 1], r[i, 2], shared[21 + i]
+        for n in range(count):
+            x, y, z = work[_IN_CAMERA, n], work[_IN_CAMERA + 1, n], work[_IN_CAMERA + 2, n]
+            work[_IN_PROJECTOR + i, n] = a * x + b * y + c * z + t
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _turned(row, arm, first, work):  # type: ignore[no-untyped-def]
-    """Derivative of a coordinate by a small turn of a point about an axis, `arm` away from it: arm x slope."""
-    a0, a1, a2 = work.points[arm, 0], work.points[arm, 1], work.points[arm, 2]
-    s0, s1, s2 = work.slopes[row, 0], work.slopes[row, 1], work.slopes[row, 2]
-    work.rows[row, first] = s2 * a1 - s1 * a2
-    work.rows[row, first + 1] = s0 * a2 - s2 * a0
-    work.rows[row, first + 2] = s1 * a0 - s0 * a1
+def _see(device, count, shared, work):  # type: ignore[no-untyped-def]
+    """Project points by a device (0 camera, 1 projector) and differentiate by the point and by the lens."""
+    c, at, to, row = 9 * device, _IN_CAMERA + 3 * device, _SLOPES + 6 * device, 2 * device
+    fx, fy, cx, cy = shared[c], shared[c + 1], shared[c + 2], shared[c + 3]
+    k1, k2, p1, p2, k3 = shared[c + 4], shared[c + 5], shared[c + 6], shared[c + 7], shared[c + 8]
+    rows, first, second = work.rows, work.columns[row], work.columns[row + 1]
+    for n in range(count):
+        w = 1 / rows[at + 2, n]
+        x, y = rows[at, n] * w, rows[at + 1, n] * w
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        rise = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+        xd = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        yd = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        cross = x * y * rise + 2 * p1 * x + 2 * p2 * y
+        work.rest[row, n], work.rest[row + 1, n] = fx * xd + cx, fy * yd + cy
+        a, b = fx * w * (radial + x * x * rise + 2 * p1 * y + 6 * p2 * x), fx * w * cross
+        d, e = fy * w * cross, fy * w * (radial + y * y * rise + 6 * p1 * y + 2 * p2 * x)
+        rows[to, n], rows[to + 1, n], rows[to + 2, n] = a, b, -(a * x + b * y)
+        rows[to + 3, n], rows[to + 4, n], rows[to + 5, n] = d, e, -(d * x + e * y)
+        first[c, n], second[c + 1, n], first[c + 2, n], second[c + 3, n] = xd, yd, 1.0, 1.0
+        first[c + 4, n], second[c + 4, n] = fx * x * r2, fy * y * r2
+        first[c + 5, n], second[c + 5, n] = fx * x * r2 * r2, fy * y * r2 * r2
+        first[c + 6, n], second[c + 6, n] = fx * 2 * x * y, fy * (r2 + 2 * y * y)
+        first[c + 7, n], second[c + 7, n] = fx * (r2 + 2 * x * x), fy * 2 * x * y
+        first[c + 8, n], second[c + 8, n] = fx * x * r2 * r2 * r2, fy * y * r2 * r2 * r2
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _moved_by_board(row, n, pose, points, state, work):  # type: ignore[no-untyped-def]
-    """Derivatives of a coordinate by scale, stretch, warp and the pose, by its derivative by the point."""
-    turn, out, size = state.pose_rotations, work.rows, work.rows.shape[1]
-    s0, s1, s2 = work.slopes[row, 0], work.slopes[row, 1], work.slopes[row, 2]
-    along = s0 * turn[pose, 0, 0] + s1 * turn[pose, 1, 0] + s2 * turn[pose, 2, 0]
-    down = s0 * turn[pose, 0, 1] + s1 * turn[pose, 1, 1] + s2 * turn[pose, 2, 1]
-    up = s0 * turn[pose, 0, 2] + s1 * turn[pose, 1, 2] + s2 * turn[pose, 2, 2]
-    x, y = points.board[n, 0] * along, points.board[n, 1] * down
-    out[row, 24], out[row, 25] = x + y, (x - y) / 2
-    for j in range(points.lifts.shape[1]):
-        out[row, 26 + j] = up * points.lifts[n, j]
-    out[row, size - 3], out[row, size - 2], out[row, size - 1] = s0, s1, s2
-    _turned(row, 1, size - 6, work)
-    work.across[row, 0], work.across[row, 1] = along, down
+def _by_turn(k, slope, arm, count, to, work):  # type: ignore[no-untyped-def]
+    """Derivatives of coordinate k by a small turn of points `arm` away from its axis: arm x slope."""
+    out, rows = work.columns[k], work.rows
+    for n in range(count):
+        a0, a1, a2 = rows[arm, n], rows[arm + 1, n], rows[arm + 2, n]
+        s0, s1, s2 = rows[slope, n], rows[slope + 1, n], rows[slope + 2, n]
+        out[to, n], out[to + 1, n], out[to + 2, n] = s2 * a1 - s1 * a2, s0 * a2 - s2 * a0, s1 * a0 - s0 * a1
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _without_corner_error(work):  # type: ignore[no-untyped-def]
+def _by_rig(k, slope, count, state, work):  # type: ignore[no-untyped-def]
+    """Derivatives of a projector's coordinate by the rig's turn and shift; then its slope in the camera's axes."""
+    out, rows, r = work.columns[k], work.rows, state.rotation
+    for n in range(count):
+        out[21, n], out[22, n], out[23, n] = rows[slope, n], rows[slope + 1, n], rows[slope + 2, n]
+    _by_turn(k, slope, _IN_PROJECTOR, count, 18, work)
+    for n in range(count):
+        s0, s1, s2 = rows[slope, n], rows[slope + 1, n], rows[slope + 2, n]
+        rows[slope, n] = s0 * r[0, 0] + s1 * r[1, 0] + s2 * r[2, 0]
+        rows[slope + 1, n] = s0 * r[0, 1] + s1 * r[1, 1] + s2 * r[2, 1]
+        rows[slope + 2, n] = s0 * r[0, 2] + s1 * r[1, 2] + s2 * r[2, 2]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _by_board(k, slope, pose, first, count, points, state, work):  # type: ignore[no-untyped-def]
+    """Derivatives of a coordinate by the board's form and by its pose."""
+    out, rows, turn, size = work.columns[k], work.rows, state.pose_rotations, work.columns.shape[1]
+    across, terms = _ACROSS + 2 * k, points.lifts.shape[0]
+    a, b, c = turn[pose, 0, 0], turn[pose, 1, 0], turn[pose, 2, 0]
+    d, e, f = turn[pose, 0, 1], turn[pose, 1, 1], turn[pose, 2, 1]
+    g, h, i = turn[pose, 0, 2], turn[pose, 1, 2], turn[pose, 2, 2]
+    for n in range(count):
+        s0, s1, s2 = rows[slope, n], rows[slope + 1, n], rows[slope + 2, n]
+        along, down = s0 * a + s1 * b + s2 * c, s0 * d + s1 * e + s2 * f
+        x, y = points.board[0, first + n] * along, points.board[1, first + n] * down
+        rows[across, n], rows[across + 1, n] = along, down
+        out[24, n], out[25, n] = x + y, 0.5 * (x - y)
+        out[size - 3, n], out[size - 2, n], out[size - 1, n] = s0, s1, s2
+    for j in range(terms):
+        for n in range(count):
+            up = rows[slope, n] * g + rows[slope + 1, n] * h + rows[slope + 2, n] * i
+            out[26 + j, n] = up * points.lifts[j, first + n]
+    _by_turn(k, slope, _TURNED, count, size - 6, work)
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _without_corner_errors(first, count, coupled, work):  # type: ignore[no-untyped-def]
     """Take the camera's residual, as it moves the place where the phase is read, out of the projector's."""
-    rows, rest, slopes = work.rows, work.rest, work.across
-    a, b, d, e = slopes[0, 0], slopes[0, 1], slopes[1, 0], slopes[1, 1]
-    area = a * e - b * d
-    if abs(area) <= _LEAST_AREA * (a * a + b * b + d * d + e * e):
-        return
+    rows, one, two = work.rows, work.rows[_TURNED], work.rows[_TURNED + 1]
     for k in range(2, 4):
-        f, g = slopes[k, 0], slopes[k, 1]
-        first, second = (f * e - g * d) / area, (g * a - f * b) / area
-        rest[k] -= first * rest[0] + second * rest[1]
-        for j in range(rows.shape[1]):
-            rows[k, j] -= first * rows[0, j] + second * rows[1, j]
+        for n in range(count):
+            a, b = rows[_ACROSS, n], rows[_ACROSS + 1, n]
+            d, e = rows[_ACROSS + 2, n], rows[_ACROSS + 3, n]
+            f, g = rows[_ACROSS + 2 * k, n], rows[_ACROSS + 2 * k + 1, n]
+            area = a * e - b * d
+            usable = coupled[first + n] and abs(area) > _LEAST_AREA * (a * a + b * b + d * d + e * e)
+            share = 1 / area if usable else 0.0
+            one[n], two[n] = (f * e - g * d) * share, (g * a - f * b) * share
+            work.rest[k, n] -= one[n] * work.rest[0, n] + two[n] * work.rest[1, n]
+        for j in range(work.columns.shape[1]):
+            for n in range(count):
+                work.columns[k, j, n] -= one[n] * work.columns[0, j, n] + two[n] * work.columns[1, j, n]
 
 
 @njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _to_camera(row, state, work):  # type: ignore[no-untyped-def]
-    """Write what a projector's coordinate says of turn and shift, then turn its slope to the camera's axes."""
-    rotation, slopes = state.rotation, work.slopes
-    for j in range(3):
-        work.rows[row, 21 + j] = slopes[row, j]
-    _turned(row, 0, 18, work)
-    s0, s1, s2 = slopes[row, 0], slopes[row, 1], slopes[row, 2]
-    for j in range(3):
-        slopes[row, j] = s0 * rotation[0, j] + s1 * rotation[1, j] + s2 * rotation[2, j]
-
-
-@njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _point_rows(n, pose, points, state, work):  # type: ignore[no-untyped-def]
-    """Write a point's four equations into the buffers."""
-    rest, at = work.rest, work.points
-    _place(n, pose, points, state, at)
-    _seen(0, 2, state.shared, work)
-    _seen(2, 3, state.shared, work)
-    for j in range(9):
-        work.rows[2, j] = work.rows[3, j] = 0.0
-    for j in range(3):
-        at[0, j] = at[3, j] - state.shared[21 + j]
-    _to_camera(2, state, work)
-    _to_camera(3, state, work)
-    for row in range(4):
-        rest[row] = points.seen[n, row] - rest[row]
-        _moved_by_board(row, n, pose, points, state, work)
-    if points.coupled[n]:
-        _without_corner_error(work)
-
-
-@njit(cache=True, error_model="numpy")
-def write_rows(pose_of, points, state, work, rests, rows):  # type: ignore[no-untyped-def]
-    """Write all residuals (n, 4) and, unless `rows` is empty, their derivatives (n, 4, size)."""
-    for n in range(pose_of.size):
-        _point_rows(n, pose_of[n], points, state, work)
-        rests[n] = work.rest
-        if rows.shape[0] > 0:
-            rows[n] = work.rows
-
-
-@njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _write_weighted(n, row, weights, work, block, rest):  # type: ignore[no-untyped-def]
-    """Write a point's weighted equations, two of either device, into blocks (2, rows, size) and (2, rows)."""
+def _pose_equations(pose, first, count, points, state, work):  # type: ignore[no-untyped-def]
+    """Write the equations of a pose's points into the buffers."""
+    _place(pose, first, count, points, state, work.rows)
+    _see(0, count, state.shared, work)
+    _see(1, count, state.shared, work)
+    work.columns[2:, :9, :count] = 0.0
+    for i in range(3):
+        for n in range(count):
+            work.rows[_IN_PROJECTOR + i, n] -= state.shared[21 + i]
     for k in range(4):
-        w = weights[n, k]
-        device, at = k // 2, row + k % 2
-        rest[device, at] = w * work.rest[k] if w != 0 else 0.0
-        for j in range(block.shape[2]):
-            block[device, at, j] = w * work.rows[k, j] if w != 0 else 0.0
+        for n in range(count):
+            work.rest[k, n] = points.seen[k, first + n] - work.rest[k, n]
+        if k >= 2:
+            _by_rig(k, _SLOPES + 3 * k, count, state, work)
+        _by_board(k, _SLOPES + 3 * k, pose, first, count, points, state, work)
+    coupled = False
+    for n in range(count):
+        coupled |= points.coupled[first + n]
+    if coupled:
+        _without_corner_errors(first, count, points.coupled, work)
 
 
 @njit(cache=True, error_model="numpy")
-def sum_equations(starts, points, state, work, weights, matrices, rights, squares):  # type: ignore[no-untyped-def]
-    """Sum each device's and pose's normal equations: (2, poses, size, size), (2, poses, size), and squares."""
-    size = matrices.shape[2]
+def write_rows(starts, points, state, work, rests, rows):  # type: ignore[no-untyped-def]
+    """Write all residuals (n, 4) and, unless `rows` is empty, their derivatives (n, 4, size)."""
+    for pose in range(starts.size - 1):
+        first, count = starts[pose], starts[pose + 1] - starts[pose]
+        _pose_equations(pose, first, count, points, state, work)
+        for k in range(4):
+            for n in range(count):
+                rests[first + n, k] = work.rest[k, n]
+                if rows.shape[0] > 0:
+                    rows[first + n, k] = work.columns[k, :, n]
+
+
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _weigh(k, first, count, weights, chosen, work, block, rest):  # type: ignore[no-untyped-def]
+    """Copy the chosen columns of a coordinate's equations, weighted, into its half of a block (size, 2 points)."""
+    off = count * (k % 2)
+    for n in range(count):
+        w = weights[first + n, k]
+        rest[off + n] = w * work.rest[k, n] if w != 0 else 0.0
+        work.rows[_TURNED, n] = w
+    for i in range(chosen.size):
+        j = chosen[i]
+        for n in range(count):
+            w = work.rows[_TURNED, n]
+            block[i, off + n] = w * work.columns[k, j, n] if w != 0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _add_block(block, rest, chosen, matrix, right):  # type: ignore[no-untyped-def]
+    """Put a block's products where its columns belong."""
+    products, sums = np.dot(block, block.T), np.dot(block, rest)
+    for i in range(chosen.size):
+        right[chosen[i]] = sums[i]
+        for j in range(chosen.size):
+            matrix[chosen[i], chosen[j]] = products[i, j]
+
+
+@njit(cache=True, error_model="numpy")
+def sum_equations(starts, points, state, work, weights, chosen, matrices, rights, squares):  # type: ignore[no-untyped-def]
+    """Sum each device's and pose's normal equations: (2, poses, size, size), (2, poses, size), and squares.
+
+    `chosen` holds, for either device, the columns that are not 0.
+    """
     for pose in range(matrices.shape[1]):
-        first, last = starts[pose], starts[pose + 1]
-        block, rest = np.empty((2, 2 * (last - first), size)), np.empty((2, 2 * (last - first)))
-        for n in range(first, last):
-            _point_rows(n, pose, points, state, work)
-            _write_weighted(n, 2 * (n - first), weights, work, block, rest)
+        first, count = starts[pose], starts[pose + 1] - starts[pose]
+        _pose_equations(pose, first, count, points, state, work)
+        rest = np.empty(2 * count)
         for device in range(2):
-            matrices[device, pose] = np.dot(block[device].T, block[device])
-            rights[device, pose] = np.dot(block[device].T, rest[device])
-            squares[device, pose] = np.dot(rest[device], rest[device])
+            block = np.empty((chosen[device].size, 2 * count))
+            for k in range(2 * device, 2 * device + 2):
+                _weigh(k, first, count, weights, chosen[device], work, block, rest)
+            _add_block(block, rest, chosen[device], matrices[device, pose], rights[device, pose])
+            squares[device, pose] = np.dot(rest, rest)

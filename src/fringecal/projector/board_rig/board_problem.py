@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from fringecal.camera import SeenPoints, lens_gradient
 from fringecal.projector.board_rig.board_form import BoardForm
 from fringecal.projector.board_rig.board_kernels import (
+    WORK_ROWS,
     PointArrays,
-    PointWork,
+    PoseWork,
     StateArrays,
     sum_equations,
     write_rows,
@@ -58,8 +59,9 @@ class BoardData:
     @cached_property
     def points(self) -> PointArrays:
         """The same for compiled loops."""
-        seen = np.hstack([self.camera, self.projector])
-        return PointArrays(np.ascontiguousarray(self.board), np.ascontiguousarray(self.lifts), seen, self.coupled)
+        rows = (self.board, self.lifts, np.hstack([self.camera, self.projector]))
+        board, lifts, seen = (np.ascontiguousarray(each.T, float) for each in rows)
+        return PointArrays(board, lifts, seen, self.coupled)
 
     def slices(self) -> list[slice]:
         """Return each pose's part of the points."""
@@ -207,7 +209,7 @@ def observation_rows(state: BoardState, data: BoardData) -> Rows:
     """Set up the observation equations of all points, px."""
     size = len(state.shared) + POSE
     rest, rows = np.zeros((len(data.board), 4)), np.zeros((len(data.board), 4, size))
-    write_rows(data.pose_of, data.points, state.arrays, _work(size), rest, rows)
+    write_rows(data.starts, data.points, state.arrays, _work(size, data), rest, rows)
     return Rows(rest, rows)
 
 
@@ -215,21 +217,23 @@ def independent_residuals(state: BoardState, data: BoardData) -> Array:
     """Residuals (n, 4) of `observation_rows` alone, px."""
     size = len(state.shared) + POSE
     rest = np.zeros((len(data.board), 4))
-    write_rows(data.pose_of, data.points, state.arrays, _work(size), rest, np.zeros((0, 4, size)))
+    write_rows(data.starts, data.points, state.arrays, _work(size, data), rest, np.zeros((0, 4, size)))
     return rest
 
 
-def _work(size: int) -> PointWork:
-    rows = np.zeros((4, size))
-    return PointWork(rows, np.zeros(4), np.zeros((4, 3)), np.zeros((4, 3)), np.zeros((4, 2)))
+def _work(size: int, data: BoardData) -> PoseWork:
+    most = int(np.diff(data.starts).max())
+    return PoseWork(np.zeros((4, size, most)), np.zeros((4, most)), np.zeros((WORK_ROWS, most)))
 
 
 def summed(state: BoardState, data: BoardData, weights: Array) -> Sums:
     """Sum equations times (n, 4) weights, device by device and pose by pose."""
     size, poses = len(state.shared) + POSE, len(data.starts) - 1
     sums = Sums(np.zeros((2, poses, size, size)), np.zeros((2, poses, size)), np.zeros((2, poses)))
-    arrays = (sums.matrices, sums.rights, sums.squares)
-    sum_equations(data.starts, data.points, state.arrays, _work(size), weights, *arrays)
+    every = np.arange(size)
+    chosen = (np.concatenate([every[CAMERA], every[RIG:]]), every if data.coupled.any() else every[PROJECTOR.start :])
+    arrays = (chosen, sums.matrices, sums.rights, sums.squares)
+    sum_equations(data.starts, data.points, state.arrays, _work(size, data), weights, *arrays)
     return sums
 
 

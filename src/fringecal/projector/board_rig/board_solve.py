@@ -221,13 +221,15 @@ class _Known:
     def robust_s(self, scaled: Array) -> Array:
         """Robust standard deviations (poses, 2) of camera and projector, within bounds of their medians."""
         found = np.ones((len(self.data.starts) - 1, 2))
+        if self.equal:
+            return np.full_like(found, self.robust_whole(scaled))
         for k, columns in enumerate((slice(0, 2), slice(2, 4))):
             own = [robust_sd(scaled[p, columns][self.seen[p, columns]], about=0) for p in self.data.slices()]
             whole = robust_sd(scaled[:, columns][self.seen[:, columns]], about=0)
             some = np.array([each for each in own if each > 0] or [whole or 1.0])
             usual = max(float(np.median(some)), _LEAST_S_PX)
             found[:, k] = np.clip(own, usual / _MOST_UNLIKE, usual * _MOST_UNLIKE)
-        return np.full_like(found, self.robust_whole(scaled)) if self.equal else found
+        return found
 
     def robust_whole(self, scaled: Array) -> float:
         """Robust standard deviation of all residuals together."""
@@ -265,17 +267,16 @@ def _weighted(
 
 def _without_pull(state: BoardState, known: _Known) -> tuple[BoardState, Array, Array]:
     """Solve by Huber's loss about robust standard deviations; return scaled residuals and those."""
-    scaled, before = known.scaled(state), math.inf
+    scaled = known.scaled(state)
+    s = known.robust_s(scaled)
     for _ in range(_ROUNDS):
-        s = known.robust_s(scaled)
         weights = known.weights(s, known.seen) * _huber(scaled / of_points(s, known.data))
         state, _ = minimise(state, known.data, weights, known.expected, steps=_FEW_STEPS, enough=_ROUGHLY)
-        scaled = known.scaled(state)
-        now = float(np.median(known.robust_s(scaled), axis=0).sum())
-        if now > (1 - _HUBER_SETTLED) * before:
+        scaled, before = known.scaled(state), s
+        s = known.robust_s(scaled)
+        if np.median(s, axis=0).sum() > (1 - _HUBER_SETTLED) * np.median(before, axis=0).sum():
             break
-        before = now
-    return state, scaled, known.robust_s(scaled)
+    return state, scaled, s
 
 
 def _huber(sizes: Array) -> Array:
