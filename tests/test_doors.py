@@ -32,12 +32,13 @@ ALLOWED = {
     "records": EVERYONE | {"targets", "camera", "projector", "reconstruct", "verification"},
     "history": EVERYONE | {"records"},
     "report": EVERYONE | MEASURING | {"records", "history"},
+    "patterns": EVERYONE,
     "simulate": {"errors", "guarded", "targets"},  # shares no estimate with the code that it tests
     "thesis": EVERYONE | {"phase", "simulate"},
-    "workflows": EVERYONE | MEASURING | TELLING | {"simulate", "thesis"},
+    "workflows": EVERYONE | MEASURING | TELLING | {"simulate", "patterns", "thesis"},
     "library": EVERYONE | MEASURING | TELLING | {"workflows"},
     "serve": EVERYONE | {"session"} | TELLING | {"workflows"},
-    "cli": EVERYONE | MEASURING | TELLING | {"simulate", "thesis", "workflows", "library", "serve"},
+    "cli": EVERYONE | MEASURING | TELLING | {"simulate", "patterns", "thesis", "workflows", "library", "serve"},
 }
 # Of the folders of `workflows`, which may call which: all may use `shared`.
 WORKFLOWS = {

@@ -23,6 +23,7 @@ VERBS = (
     "simulate",
     "check",
     "targets",
+    "patterns",
     "grid",
     "lens",
     "phase",

@@ -73,6 +73,9 @@ from .pictures.size_limits import (
 from .temporary import (
     temporary_session as temporary_session,
 )
+from .toml_text import (
+    to_toml as to_toml,
+)
 from .write import (
     write_session as write_session,
 )

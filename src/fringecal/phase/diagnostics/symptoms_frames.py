@@ -51,7 +51,8 @@ def misordered(evidence: Evidence) -> Iterator[Finding]:
     noise = float(evidence.map.noise.sigma(evidence.frames.mean())) ** 2 * (n - 3)
     as_stated = float(np.trace(outside @ power))
     orders = list(permutations(range(n))) if n <= limits.most_permuted else list(_exchanges(n))
-    residuals = np.array([float(np.trace(outside @ power[np.ix_(order, order)])) for order in orders])
+    # Of frames without noise rounding leaves some below zero.
+    residuals = np.array([max(float(np.trace(outside @ power[np.ix_(order, order)])), 0.0) for order in orders])
     # Several orders of evenly spaced phase shifts fit alike: of these, the one that moves the fewest frames.
     alike = np.flatnonzero(residuals <= limits.alike * residuals.min())
     best = max((orders[k] for k in alike), key=lambda order: sum(k == place for place, k in enumerate(order)))
