@@ -14,7 +14,7 @@ rigs count and not points.
 
 import argparse
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -173,6 +173,24 @@ def inside(points: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     return ((points > 2) & (points < np.array(size) - 3)).all(axis=1)
 
 
+@dataclass(frozen=True)
+class Spoilt:
+    """What else is wrong: share of corners found elsewhere, of coordinates a fringe off, of poses in the glare."""
+
+    corners: float = 0.0
+    orders: float = 0.0
+    glare: float = 0.0
+
+
+def spoil(rng: np.random.Generator, pose: BoardPose, rig: Drawn, spoilt: Spoilt) -> BoardPose:
+    """Put wrong corners, wrong orders and glare into a pose."""
+    n = len(pose.board_mm)
+    wrong = (rng.random(n) < spoilt.corners)[:, None] * rng.normal(0, 3.0, (n, 2))
+    order = (rng.random((n, 2)) < spoilt.orders) * rig.period_px * rng.choice([-1, 1], (n, 2))
+    glare = (rng.random() < spoilt.glare) * 5 * rig.u_px * rng.standard_normal((n, 2))
+    return replace(pose, camera_px=pose.camera_px + wrong, projector_px=pose.projector_px + order + glare)
+
+
 def capture(rng: np.random.Generator, rig: Drawn, board: DrawnBoard, k: int) -> BoardPose:
     """One pose: corners with an error, and the projector's coordinate of the board where the corner was found."""
     while True:
@@ -265,13 +283,15 @@ def radius_error(rng: np.random.Generator, rig: Drawn, fit: BoardRig) -> tuple[f
     return float(solved[3] - radius), float(np.sqrt(by_rig @ fit.covariance @ by_rig + own))
 
 
-def run(cases: int, seed: int, *, verbose: bool = False) -> Tally:
+def run(cases: int, seed: int, spoilt: Spoilt, *, verbose: bool = False) -> Tally:
     tally, ratios, refused, took, failed = Tally({}), {}, 0, 0.0, []
     for case in range(cases):
         rng = np.random.default_rng([seed, case])
         rig = draw_rig(rng)
         board = draw_board(rng, rig.field)
         poses = [capture(rng, rig, board, k) for k in range(int(rng.integers(6, 26)))]
+        if spoilt != Spoilt():
+            poses = [spoil(rng, pose, rig, spoilt) for pose in poses]
         start = time.perf_counter()
         try:
             fit = fit_board_rig(
@@ -313,8 +333,12 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=500)
     parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--verbose", action="store_true")
+    parser.add_argument(
+        "--spoilt", action="store_true", help="2 % wrong corners, 1 % wrong orders, a fifth in the glare"
+    )
     options = parser.parse_args()
-    run(options.cases, options.seed, verbose=options.verbose)
+    spoilt = Spoilt(0.02, 0.01, 0.2) if options.spoilt else Spoilt()
+    run(options.cases, options.seed, spoilt, verbose=options.verbose)
 
 
 if __name__ == "__main__":

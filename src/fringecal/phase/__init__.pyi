@@ -160,6 +160,9 @@ from .orders.raster_coordinate import (
 from .orders.raster_coordinate import (
     raster_coordinate as raster_coordinate,
 )
+from .orders.raster_frames import (
+    raster_of_frames as raster_of_frames,
+)
 from .orders.temporal import (
     beat_period as beat_period,
 )

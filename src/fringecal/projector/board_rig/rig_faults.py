@@ -120,7 +120,8 @@ def rig_faults(
     if known:
         poses = [one for one in poses if one.kind is not RigFaultKind.POSE_DISAGREES]
         return (*poses, max(known, key=lambda cause: cause[0])[1])
-    return (*poses, *_of_scatter(fit), *_of_geometry(fit))
+    wrong = {name for one in poses for name in one.poses}
+    return (*poses, *_of_scatter(fit, wrong), *_of_geometry(fit))
 
 
 type _Cause = tuple[float, RigFault] | None
@@ -287,15 +288,16 @@ def _spread_deg(poses: Sequence[PoseFit]) -> float:
     return float(np.sqrt((angles**2).mean()))
 
 
-def _of_scatter(fit: BoardRigFit) -> list[RigFault]:
-    """Poses whose points scatter much more than those of the others do, in either device."""
+def _of_scatter(fit: BoardRigFit, wrong: set[str]) -> list[RigFault]:
+    """Poses, not wrong ones, whose points scatter much more than those of the others do, in either device."""
     found = []
     for k, device in enumerate(("camera", "projector")):
         s = fit.solution.s_px[:, k]
         ratios = s / np.median(s)
-        names = tuple(pose.name for pose, ratio in zip(fit.poses, ratios, strict=True) if ratio > _SCATTERS)
+        pairs = [(p.name, float(r)) for p, r in zip(fit.poses, ratios, strict=True) if p.name not in wrong]
+        names = tuple(name for name, ratio in pairs if ratio > _SCATTERS)
         if names:
-            largest = float(ratios.max())
+            largest = max(ratio for _, ratio in pairs)
             text = (
                 f"pose {', '.join(names)}: in the {device} the points scatter up to {largest:.1f} times as much as "
                 "those of most poses, by glare, defocus or too little light, and count the less for it; tilt the board "
