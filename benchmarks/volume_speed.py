@@ -73,7 +73,7 @@ def main() -> None:
         total = (end - start) / share
         print(
             f"{columns.size / 1e6:.1f} Mpx: frames to columns {(middle - start) / share:.2f} s, columns to points "
-            f"{(end - middle) / share:.2f} s, together {total:.2f} s (bar {BAR_S} s); {points.mask.mean():.1%} of pixels"
+            f"{(end - middle) / share:.2f} s, together {total:.2f} s (bar {BAR_S} s); {points.mask.mean():.1%} of all"
         )
 
 
