@@ -67,7 +67,7 @@ def lens(
     ),
     unit: str | None = typer.Option(None, "--unit", help="Unit of a stated pose: mm, m or in; mm, of ROS m."),
     pixel_aspect: float | None = typer.Option(
-        None, "--pixel-aspect", help="Width over height of the projector's pixel; else 1, 0.5 or 2 pass."
+        None, "--pixel-aspect", help="Projector: distance of rows over that of columns; else 1, 0.5 or 2 pass."
     ),
     pairs: Path | None = typer.Option(None, "--pairs", help="Places that belong together, to judge the pair by."),
     out: Path | None = typer.Option(None, "--out", help="Folder for the results."),

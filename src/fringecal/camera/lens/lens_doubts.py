@@ -145,7 +145,8 @@ def lens_doubts(lens: Lens, device: Device = "camera", *, pixel_aspect: float | 
     device
         Of a projector the centre may lie beside the picture's middle, and pixels may be diamonds.
     pixel_aspect
-        Width of a pixel over its height (fy / fx), where it is known; by default any that is built.
+        Distance of rows over that of columns (fx / fy), as sessions state it, where it is known; by default any that is
+        built.
     """
     reach = lens_reach(lens)
     centre = _centre(lens, device)
@@ -179,13 +180,13 @@ def _stretch(values: Array, ideal: Array) -> tuple[Array, Array]:
 
 def _aspect(lens: Lens, device: Device, stated: float | None) -> list[Doubt]:
     found = lens["fy_px"] / lens["fx_px"]
-    shapes = PIXEL_SHAPES[device] if stated is None else (stated,)
+    shapes = PIXEL_SHAPES[device] if stated is None else (1 / stated,)
     nearest = min(shapes, key=lambda shape: abs(math.log(found / shape)))
     off = abs(found / nearest - 1)
     if off <= ASPECT_DOUBTED:
         return []
     square = "1 (square pixels)" if device == "camera" else "1 (square pixels), 0.5 or 2 (diamonds)"
-    expected = square if stated is None else f"{stated:.4g}, as stated"
+    expected = square if stated is None else f"{1 / stated:.4g}, as stated"
     sentence = (
         f"fy / fx, a pixel's width over its height, is {found:.3f} and should be {expected}: {off:.1%} off. The "
         "board's print was stretched, its squares counted wrongly, a scaler or keystone stood between frame and "

@@ -70,7 +70,7 @@ def pair_doubts(pair: StatedPair, *, pixel_aspect: float | None = None) -> tuple
     pair
         As it is stated.
     pixel_aspect
-        Of the projector (width over height of a pixel), where it is known.
+        Of the projector (distance of rows over that of columns), where it is known.
     """
     found = [*lens_doubts(pair.camera, "camera"), *lens_doubts(pair.projector, "projector", pixel_aspect=pixel_aspect)]
     return (*found, *_stated_errors(pair), *_baseline(pair), *_fields(pair))

@@ -103,7 +103,7 @@ def judge_files(
     paths, camera_size, projector_size, unit_mm
         As for `fringecal.records.read_stated`.
     pixel_aspect
-        Width over height of the projector's pixel, where it is known.
+        Distance of the projector's rows over that of its columns, where it is known.
     pairs
         File with places that belong together, which were seen with this rig: an independent judge.
 
@@ -138,7 +138,7 @@ def judge_points(
     camera_size, projector_size
         Width and height of the picture and of the projector's frame, px; no list states them.
     pixel_aspect
-        Width over height of the projector's pixel, where it is known.
+        Distance of the projector's rows over that of its columns, where it is known.
 
     Raises
     ------
@@ -156,7 +156,10 @@ def judge_points(
         )
     try:
         fit = fit_board_rig(
-            [_board_pose(pose) for pose in poses], camera_size, projector_size, projector_aspect=pixel_aspect or 1.0
+            [_board_pose(pose) for pose in poses],
+            camera_size,
+            projector_size,
+            projector_aspect=1 / (pixel_aspect or 1.0),
         )
     except FitError as error:
         raise FitError(f"{path}: {error}") from error
