@@ -6,24 +6,28 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import typer
+from scipy import ndimage
 from typer.testing import CliRunner
 
 from fringecal.cli import commission as verb
+from fringecal.cli import reconstruct as reconstruct_verb
 from fringecal.errors import SessionError
 from fringecal.records import read_board_calibration, write_board_calibration
 from fringecal.session import load_session, write_session
-from fringecal.simulate import load_raster_rig, raster_truth, simulate_raster_session
+from fringecal.simulate import flat_pose, load_raster_rig, raster_truth, simulate_raster_session
 from fringecal.workflows.commission import (
     board_calibration_record,
     board_checks,
     board_report,
-    board_rig_of,
     commission_boards,
     is_board_session,
 )
 from fringecal.workflows.commission.by_board.board_run import demand_poses, solved_poses
+from fringecal.workflows.reconstruct import measure_volume
+from fringecal.workflows.shared import board_rig_of
 
 POSES = ["pose-01", "pose-02", "pose-05", "pose-06", "pose-11", "pose-13"]
+SURFACES = ["plate", "block"]
 TARGET = {
     "format": 1, "kind": "chessboard", "name": "board", "certificate": "virtual", "columns": 7, "rows": 5,
     "square_mm": {"value": 22.0, "u": 0.002},
@@ -42,7 +46,8 @@ def rig():
     poses = [
         rig.capture_named(name).model_copy(update={"target": TARGET, "sheet_mm": (200.0, 150.0)}) for name in POSES
     ]
-    return rig.model_copy(update={"capture": (*poses, rig.capture_named("plate"))})
+    others = [rig.capture_named(name).model_copy(update={"position_mm": (0.0, 0.0, 600.0)}) for name in SURFACES]
+    return rig.model_copy(update={"capture": (*poses, *others)})
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +140,37 @@ def test_too_few_poses_say_what_is_wrong_with_each(found) -> None:
     with pytest.raises(SessionError, match=r"2 of 6 poses of the board can be used, 3 are needed") as error:
         demand_poses(posed)
     assert str(error.value).count("no board: blurred") == 4
+
+
+def test_a_block_is_measured_over_the_plate_with_its_u(found, made, folder, tmp_path) -> None:
+    record = board_calibration_record(found)
+    over = measure_volume(load_session(folder), "block", record)
+    assert (over.plate, over.heights is not None) == ("plate", True)
+    truth = made.captures["block"].points_mm
+    rotation, _ = flat_pose(load_raster_rig("dlp-small").capture_named("plate"))
+    height = np.einsum("i,ihw->hw", rotation[:, 2], truth - np.array([0.0, 0.0, 600.0])[:, None, None])
+    # Well inside a tread or the plate: no pixel mixes two surfaces.
+    flat = ndimage.maximum_filter(height, 7) - ndimage.minimum_filter(height, 7) < 0.01
+    use = flat & over.heights.mask & made.captures["block"].lit
+    error = (over.heights.z - height)[use] / over.heights.u_z[use]
+    assert use.sum() > 2000
+    # One calibration's error is common to all pixels: within 3 u nearly all of them are, of one draw.
+    assert np.mean(np.abs(error) < 3) > 0.95
+    treads = (over.heights.z - height)[use & (height > 5)]
+    assert abs(float(np.median(treads))) < 0.15  # of 10 to 30 mm, from pictures of 200 x 160 px
+    write_board_calibration(record, tmp_path)
+    app = typer.Typer()
+    app.callback()(lambda: None)
+    reconstruct_verb.register(app)
+    run = ["reconstruct", str(folder), "--capture", "block", "--calibration", str(tmp_path / "calibration.json")]
+    result = CliRunner().invoke(app, [*run, "--out", str(tmp_path / "out"), "--json"])
+    assert result.exit_code == 0, result.output
+    summary = json.loads(result.stdout)
+    assert summary["frame"] == "plate"
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"points.npz", "height.npz", "height.ply", "report.html"} <= names
+    refused = CliRunner().invoke(app, [*run, "--out", str(tmp_path / "o"), "--minus-plate"])
+    assert refused.exit_code == 2
 
 
 def test_only_sessions_with_boards_under_fringes_are_calibrated_so(folder) -> None:

@@ -53,6 +53,7 @@ def reconstruct(
     from fringecal.projector import HEIGHT_MODELS
     from fringecal.records import (
         demand_further,
+        is_board_calibration,
         limits_for,
         read_calibration,
         result_folder,
@@ -74,6 +75,14 @@ def reconstruct(
     _demand_further(also)
     demand_further(also)
     demand_folder(out)
+    if is_board_calibration(calibration):
+        of_strips: dict[str, object] = {"--model": model if model != "projective" else ""}
+        of_strips |= {"--lowest-mm": lowest, "--highest-mm": highest}
+        of_strips |= {"--before": before if before != "none" else "", "--after": after if after != "none" else ""}
+        of_strips |= {"--faces": faces, "--profile": profile, "--minus-plate": minus_plate, "--tie-to-plate": tie}
+        _demand_none(of_strips | {"--watertight": watertight, "--limits": limits})
+        _by_board(session, capture, calibration, out, also, as_json=as_json)
+        return
     heights = {"--lowest-mm": lowest, "--highest-mm": highest}
     filters = {name: chosen for name, chosen in (("--before", before), ("--after", after)) if chosen != "none"}
     stated = given({"--capture": capture, "--model": model, **heights, **filters, "--limits": limits})
@@ -128,6 +137,43 @@ def reconstruct(
         highlight=False,
     )
     print_outcome(checks, (*causes, f"surface: {summary['height']}"), out)
+
+
+def _demand_none(options: dict[str, object]) -> None:
+    """Refuse options that a rig calibrated by a board does not have."""
+    for option, value in options.items():
+        if value not in (None, "", False, []):
+            raise typer.BadParameter("not for a rig that a board has calibrated", param_hint=option)
+
+
+def _by_board(session: Path, capture: str, calibration: Path, out: Path, also: list[str], *, as_json: bool) -> None:
+    """Measure by a rig that a board has calibrated, and print what was found."""
+    from fringecal.cli.shared.by_board import reconstruct_by_board
+    from fringecal.session import load_session
+
+    stated = given({"--capture": capture, "--calibration": calibration})
+    command = command_line("reconstruct", [session, "--out", out, *stated])
+    with progress(quiet=as_json) as show:
+        summary = reconstruct_by_board(
+            load_session(session),
+            capture or None,
+            calibration,
+            out,
+            also=also,
+            command=" ".join(command),
+            progress=show,
+        )
+    if as_json:
+        print_json(summary)
+        return
+    console.print(
+        f"{summary['capture']}: z from {summary['z_min_mm']:.3f} to {summary['z_max_mm']:.3f} mm in the "
+        f"{summary['frame']}'s frame, median u(z) {summary['u_z_median_mm']:.4f} mm, "
+        f"{100 * summary['shares']['valid']:.1f} % of the picture valid",
+        highlight=False,
+        soft_wrap=True,
+    )
+    console.print(f"points: {summary['points']}; report: {summary['report']}", highlight=False, soft_wrap=True)
 
 
 def _demand_further(forms: list[str]) -> None:

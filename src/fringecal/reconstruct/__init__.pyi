@@ -91,6 +91,18 @@ from .tie_to_plate import (
 from .tie_to_plate import (
     tied_to_plate as tied_to_plate,
 )
+from .volume.over_plate import (
+    PlateFrame as PlateFrame,
+)
+from .volume.over_plate import (
+    PlateHeights as PlateHeights,
+)
+from .volume.over_plate import (
+    heights_over as heights_over,
+)
+from .volume.over_plate import (
+    plate_frame as plate_frame,
+)
 from .volume.volume_map import (
     VolumeMap as VolumeMap,
 )

@@ -29,6 +29,9 @@ from .board_calibration import (
     VolumeRecord as VolumeRecord,
 )
 from .board_calibration import (
+    is_board_calibration as is_board_calibration,
+)
+from .board_calibration import (
     read_board_calibration as read_board_calibration,
 )
 from .board_calibration import (
@@ -153,6 +156,9 @@ from .exports.regular_grid import (
 )
 from .exports.regular_grid import (
     sample_spacing_mm as sample_spacing_mm,
+)
+from .exports.surface_files import (
+    write_points as write_points,
 )
 from .exports.surface_files import (
     write_profiles as write_profiles,

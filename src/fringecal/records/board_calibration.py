@@ -5,6 +5,8 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import Field, model_validator
 
+from fringecal.errors import RecordError
+from fringecal.guarded import Refusal, is_folder, json_of, text_of
 from fringecal.records.calibration_record import CALIBRATION_FILE, ImageRecord
 from fringecal.records.documents import document_of_bytes, record_bytes, write_document
 from fringecal.records.limits import Limits
@@ -102,15 +104,27 @@ def board_calibration_of_bytes(content: bytes, name: str) -> BoardCalibrationRec
     return document_of_bytes(content, BoardCalibrationRecord, BOARD_CALIBRATION_FORMAT, name=name)
 
 
+def is_board_calibration(path: str | Path) -> bool:
+    """Tell whether a file states the format of a calibration by a board; what cannot be read does not."""
+    try:
+        return json_of(text_of(record_bytes(_file(path)))).get("format") == BOARD_CALIBRATION_FORMAT
+    except (Refusal, RecordError):
+        return False
+
+
+def _file(path: str | Path) -> Path:
+    return Path(path) / CALIBRATION_FILE if is_folder(path) else Path(path)
+
+
 def read_board_calibration(path: str | Path) -> BoardCalibrationRecord:
-    """Read a board calibration from its file.
+    """Read a board calibration from its file, or from the folder that holds it.
 
     Raises
     ------
     RecordError
         As `board_calibration_of_bytes`; or the file cannot be read.
     """
-    return board_calibration_of_bytes(record_bytes(Path(path)), str(path))
+    return board_calibration_of_bytes(record_bytes(_file(path)), str(path))
 
 
 def write_board_calibration(record: BoardCalibrationRecord, folder: str | Path) -> Path:

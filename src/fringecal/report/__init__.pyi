@@ -113,6 +113,9 @@ from .figures.table_bars import (
     comparison_bars as comparison_bars,
 )
 from .figures.volume_figures import (
+    picture_map as picture_map,
+)
+from .figures.volume_figures import (
     volume_drawing as volume_drawing,
 )
 from .html import (

@@ -132,8 +132,10 @@ def _depths(rig: BoardRig, rays: Array, place: Array, weights: Array) -> Array:
 
 
 def _first_depths(rig: BoardRig, rays: Array, place: Array, weights: Array) -> Array:
-    """Depths as the coordinate of more weight tells them without the projector's distortion."""
-    axis = np.argmax(weights, axis=1)
+    """Depths as one coordinate tells them without the projector's distortion: that which the depth moves most."""
+    across = rig.rotation @ rays.T  # (3, n)
+    moves = np.abs(across[:2].T * rig.shift_mm[2] - across[2][:, None] * rig.shift_mm[:2])
+    axis = np.argmax(weights * moves * rig.projector.values[:2], axis=1)
     rows = np.arange(len(rays))
     ideal = (place - rig.projector.values[2:4]) / rig.projector.values[:2]
     turned = rays @ rig.rotation.T

@@ -13,6 +13,7 @@ import x3pio
 
 from fringecal import __version__
 from fringecal.errors import RecordError
+from fringecal.reconstruct import VolumeMap
 from fringecal.records.exports.regular_grid import demand_maps, regular_grid, sample_spacing_mm
 from fringecal.records.exports.solids import closed_body, thinned
 from fringecal.records.exports.triangles import Surface, Triangles, triangulate
@@ -29,6 +30,19 @@ def write_npz(path: str | Path, surface: Surface) -> Path:
     x, y, z, u_z = (np.where(mask, part, np.nan) for part in (surface.x, surface.y, surface.z, surface.u_z))
     with replacing(path) as sibling:
         np.savez(sibling, x=x, y=y, z=z, u_z=u_z, mask=mask)
+    return Path(path)
+
+
+def write_points(path: str | Path, volume: VolumeMap, place_px: np.ndarray) -> Path:
+    """Write points of the camera's frame as one value per pixel, whole or not at all.
+
+    ``x, y, z, u_x, u_y, u_z`` (mm, NaN where masked), ``reasons`` (`Reason` bits, 0 where valid), and
+    ``column, row`` (px of the projector, NaN where not known).
+    """
+    names = ("x", "y", "z", "u_x", "u_y", "u_z")
+    maps = {name: np.where(volume.mask, getattr(volume, name), np.nan) for name in names}
+    with replacing(path) as sibling:
+        np.savez(sibling, reasons=volume.reasons, column=place_px[0], row=place_px[1], **maps)  # type: ignore[arg-type]
     return Path(path)
 
 

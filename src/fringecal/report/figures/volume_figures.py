@@ -6,7 +6,19 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from fringecal.report.style import BLUE, GREY, GUIDE_PT, ORANGE, WIDTH_IN, colourbar, new_figure, styled
+from fringecal.report.style import (
+    BLUE,
+    GREY,
+    GUIDE_PT,
+    MASKED,
+    ORANGE,
+    SCALE_PERCENT,
+    WIDTH_IN,
+    colourbar,
+    image_axes,
+    new_figure,
+    styled,
+)
 
 _VIEWS = (((0, 2), "from above the picture"), ((1, 2), "from the picture's left"))
 _AXES = "xyz"
@@ -52,3 +64,27 @@ def _view(
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel=f"{_AXES[along]} / mm", ylabel=f"{_AXES[across]} / mm")
     axes.invert_yaxis()
+
+
+@styled
+def picture_map(values: np.ndarray, label: str, *, title: str = "") -> Figure:
+    """Draw one value per pixel over the camera's picture, from the 1st to the 99th percentile; masked pixels are grey.
+
+    Parameters
+    ----------
+    values
+        (H, W), NaN where masked.
+    label
+        What is drawn, with its unit.
+    title
+        Of what.
+    """
+    figure = new_figure(WIDTH_IN, 0.4 + 0.8 * WIDTH_IN * values.shape[0] / values.shape[1])
+    axes = figure.subplots()
+    axes.set_facecolor(MASKED)
+    low, high = np.nanpercentile(values, SCALE_PERCENT)
+    drawn = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
+    image_axes(axes)
+    colourbar(axes, drawn, label, extend="both")
+    axes.set_title(title, loc="left")
+    return figure

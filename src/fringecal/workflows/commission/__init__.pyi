@@ -43,9 +43,6 @@ from .by_board.board_sections import (
 from .by_board.board_written import (
     board_calibration_record as board_calibration_record,
 )
-from .by_board.board_written import (
-    board_rig_of as board_rig_of,
-)
 from .calibrated_session import (
     CalibratedSession as CalibratedSession,
 )

@@ -154,6 +154,9 @@ from .stated_projector import (
 from .stated_projector import (
     projector_of as projector_of,
 )
+from .stored_board_rig import (
+    board_rig_of as board_rig_of,
+)
 from .stored_calibration import (
     calibration_of as calibration_of,
 )
