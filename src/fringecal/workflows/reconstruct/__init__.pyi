@@ -22,15 +22,15 @@ from .run import (
 from .run import (
     reconstruct as reconstruct,
 )
-from .volume_report import (
-    volume_report as volume_report,
-)
-from .volume_report import (
-    volume_shares as volume_shares,
-)
 from .volume_run import (
     VolumeMeasured as VolumeMeasured,
 )
 from .volume_run import (
     measure_volume as measure_volume,
+)
+from .volume_sections import (
+    volume_report as volume_report,
+)
+from .volume_sections import (
+    volume_shares as volume_shares,
 )
