@@ -50,9 +50,7 @@ def volume_report(found: VolumeMeasured, *, command: str = "", created: datetime
         facts=(
             Fact("Measured", f"{100 * shares['valid']:.1f} %", "of the picture"),
             Fact("u(z)", f"{u:.2g} mm", "median, standard uncertainty"),
-            Fact(
-                "u of a coordinate", " and ".join(f"{one:.3f}" for one in found.u_px if one > 0) + " px", "by the phase"
-            ),
+            Fact("u of the phase", " and ".join(f"{one:.3f}" for one in found.u_px if one > 0) + " px", "by the phase"),
             *_plate_facts(found),
         ),
         sections=(Section("Surface", (), (_shares(shares),), _figures(found)),),
