@@ -71,10 +71,10 @@ def test_no_line_is_refused(picture):
         line_breaks(picture)
 
 
-def blurred(shift, flank_px, *, peak=120.0, slope=0.01, noise=1.0, seed=0):
+def blurred(shift, flank_px, *, peak=120.0, slope=0.01, noise=1.0, seed=0, block=(150, 320)):
     """Draw a break whose flanks are blurred along the line, so that it nowhere jumps."""
     u, v = np.arange(480), np.arange(160)[:, None]
-    step = ndimage.gaussian_filter1d(np.where((u >= 150) & (u < 320), shift, 0.0), flank_px)
+    step = ndimage.gaussian_filter1d(np.where((u >= block[0]) & (u < block[1]), shift, 0.0), flank_px)
     grey = peak * np.exp(-(((v - 70.2 - slope * (u - 240) - step) / 2.0) ** 2) / 2)
     grey = grey + 3 + noise * np.random.default_rng(seed).standard_normal(grey.shape)
     return np.clip(np.rint(grey), 0, 255)
@@ -89,6 +89,13 @@ def test_a_break_with_blurred_flanks_is_one(shift, flank_px, slope):
     assert found.shift_px == pytest.approx(shift, abs=0.15)
     assert 150 - flank_px < found.from_px < 150 + 2.5 * flank_px
     assert 320 - 2.5 * flank_px < found.to_px < 320 + flank_px
+
+
+@pytest.mark.parametrize("shift", [5.0, -8.7])
+def test_a_break_to_one_side_of_the_middle_does_not_tilt_the_base(shift):
+    trace = line_breaks(blurred(shift, 2.0, slope=-0.023, block=(160, 370)))
+    assert trace.breaks[0].shift_px == pytest.approx(shift, abs=0.15)
+    assert trace.base[1] == pytest.approx(-0.023, abs=0.001)
 
 
 @pytest.mark.parametrize("peak", [3.0, 6.0])

@@ -228,7 +228,7 @@ def _show(document: dict[str, Any], found: GridPicture) -> None:
     _say(
         f"{lines['horizontal']} horizontal and {lines['vertical']} vertical lines, {document['polarity']}, "
         f"{document['line_width_px']:.1f} px wide; {document['crossings']} crossings, "
-        f"u = {document['u_crossing_px']:.3f} px each"
+        f"u = {document['u_crossing_px']:#.2g} px each"
     )
     if scale is not None:
         console.print(_scale_table(document))

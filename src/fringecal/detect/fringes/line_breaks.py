@@ -134,19 +134,24 @@ def _base(centre: Array, pieces: list[NDArray[np.intp]]) -> tuple[float, float]:
     )
     # The plate runs on beyond what stands on it: the line through the two ends, if enough lies on it.
     slope = (outer[1] - outer[0]) / max(last - first, 1.0)
-    through = _refined_line(columns, places, (outer[0] - slope * first, slope))
+    through = _refined_line(columns, places, (outer[0] - slope * first, slope), slopes=False)
     near = np.abs(places - through[0] - through[1] * columns) < _JUMP_PX
     if near[:ends].mean() > _ENDS_HELD and near[-ends:].mean() > _ENDS_HELD and near.mean() > _LEAST_PLATE:
         return through
     guesses = [(float(np.median(centre[piece])), 0.0) for piece in pieces]
     counts = [np.count_nonzero(np.abs(places - a) < _JUMP_PX) for a, _ in guesses]
-    return _refined_line(columns, places, guesses[int(np.argmax(counts))])
+    return _refined_line(columns, places, guesses[int(np.argmax(counts))], slopes=True)
 
 
-def _refined_line(columns: NDArray[np.intp], places: Array, guess: tuple[float, float]) -> tuple[float, float]:
-    """Fit a straight line to what lies about a guess, closer round by round."""
+def _refined_line(
+    columns: NDArray[np.intp], places: Array, guess: tuple[float, float], *, slopes: bool
+) -> tuple[float, float]:
+    """Fit a straight line to what lies about a guess, closer round by round; wider at first if it may slope more.
+
+    A break that is within the wider limit would tilt the line, and stay within the closer one then.
+    """
     a, b = guess
-    for limit in (3 * _JUMP_PX, _JUMP_PX, _JUMP_PX):  # the first guess may slope
+    for limit in (3 * _JUMP_PX if slopes else _JUMP_PX, _JUMP_PX, _JUMP_PX):
         near = np.abs(places - a - b * columns) < limit
         if np.count_nonzero(near) < _LEAST_COLUMNS:
             break
