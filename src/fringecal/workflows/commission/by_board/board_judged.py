@@ -2,10 +2,9 @@
 
 import math
 
+from fringecal.projector import RigFault
 from fringecal.records import DEFAULT_LIMITS, Check, Decision, Limits
-from fringecal.uncertainty import Estimate
 from fringecal.workflows.commission.by_board.board_numbers import (
-    aspect,
     points_of_boards,
     span_of_tilts_deg,
     u_of_points_mm,
@@ -17,7 +16,6 @@ from fringecal.workflows.shared import judged_below, rms_estimate
 # different sides, which makes 40 and more.
 _TILTS_DEG, _LEAST_TILTS_DEG = 25.0, 10.0
 _USED_SHARE = 0.7  # of the poses that must take part: fewer, and what was wrong with the others may be in these
-_SQUARE = 1e-3  # relative: sensors are a thousand times better, but corners misread by 0.02 px of 20 look so
 
 
 def board_checks(found: BoardCommissioning, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
@@ -31,8 +29,7 @@ def board_checks(found: BoardCommissioning, limits: Limits = DEFAULT_LIMITS) -> 
                      limits.level),
         _poses(found),
         _tilts(span_of_tilts_deg(fit)),
-        _square("camera", aspect(fit.rig, "camera"), 1.0),
-        *_of_projector(found),
+        *_faults(found),
         Check(
             name="largest standard uncertainty of a point at the boards",
             value=float(u.max()),
@@ -72,26 +69,15 @@ def _tilts(span_deg: float) -> Check:
     )
 
 
-def _of_projector(found: BoardCommissioning) -> tuple[Check, ...]:
-    """Judge the projector's pixels where both axes are known and the session states their form."""
-    projector, rig = found.session.projector, found.fit.rig
-    if len(rig.axes) < 2 or projector is None or projector.pixel_aspect is None:
-        return ()
-    return (_square("projector", aspect(rig, "projector"), projector.pixel_aspect),)
-
-
-def _square(device: str, found: Estimate, stated: float) -> Check:
-    """Judge the form of a device's pixels: a print that is stretched one way shows as another form of both devices'."""
-    off = found.value / stated - 1
-    beyond = abs(off) > max(_SQUARE, found.expanded().U / stated)
-    return Check(
-        name=f"form of the {device}'s pixels",
-        value=100 * off,
-        limit=100 * _SQUARE,
-        u=100 * found.u / stated,
-        expanded=100 * found.expanded().U / stated if math.isfinite(found.u) else None,
-        unit="%",
-        decision="fail" if beyond else "pass",
-        rule="focal length along columns over that along rows, off what the pixels' form makes it, at most the limit "
-        "or U" + ("; is the board's print stretched one way, or are the pixels of another form?" if beyond else ""),
+def _faults(found: BoardCommissioning) -> tuple[Check, ...]:
+    """Fail for each fault of the captures that was named; pass once where there is none."""
+    if not found.faults:
+        rule = "print, pixels, focus, numbering and poses explain nothing of the residuals more than chance does"
+        return (Check(name="faults of the captures", value=0, limit=0, decision="pass", rule=rule),)
+    return tuple(
+        Check(name=fault.kind.value, decision="fail", rule=fault.message, value=_size(fault)) for fault in found.faults
     )
+
+
+def _size(fault: RigFault) -> float | None:
+    return None if math.isnan(fault.size) else fault.size

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.projector import BOARD_RIG_NAMES, BoardRig, BoardRigFit, RigPoints, rig_points
+from fringecal.projector import BoardRig, BoardRigFit, RigPoints, rig_points
 from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
@@ -41,12 +41,6 @@ def triangulation_angle(rig: BoardRig) -> Estimate:
         )
 
     return derived(rig, angle, "deg", "triangulation angle")
-
-
-def aspect(rig: BoardRig, device: str) -> Estimate:
-    """Return the focal length along columns over that along rows of the `camera` or the `projector`."""
-    at = BOARD_RIG_NAMES.index(f"{device}.fx_px")
-    return derived(rig, lambda one: float(one.values[at] / one.values[at + 1]), "", f"aspect of the {device}")
 
 
 def span_of_tilts_deg(fit: BoardRigFit) -> float:

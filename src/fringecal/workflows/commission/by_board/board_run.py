@@ -4,13 +4,22 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fringecal.calibration import PosedBoard, RasterMap, posed_board
 from fringecal.errors import FitError, PhaseError, SessionError
 from fringecal.numerics import MAD_TO_SD
 from fringecal.phase import RasterCoordinate, Waveform
-from fringecal.projector import BoardPose, BoardRigFit, BoardStatement, PoseFit, fit_board_rig
+from fringecal.projector import (
+    BoardPose,
+    BoardRigFit,
+    BoardStatement,
+    PoseAdvice,
+    PoseFit,
+    RigFault,
+    advise_poses,
+    fit_board_rig,
+    rig_faults,
+)
 from fringecal.session import Capture, Session
 from fringecal.targets import Charuco, Chessboard, Target
 from fringecal.workflows.lens import board_pictures
@@ -19,6 +28,7 @@ from fringecal.workflows.shared import AxisPhase, raster_of_capture
 Progress = Callable[[str], None]
 
 _LEAST_POSES = 3
+_USEFUL = 0.97  # of u, below which one more pose is worth its time
 _SUSPECT = 5.0  # times what most poses have, that a pose's median residual may be: beyond, the board moved in between
 
 
@@ -38,8 +48,10 @@ class BoardCommissioning:
         The calibration; its poses are those of `used`, in their order.
     rasters
         How the fringes along each axis count the projector's pixels.
-    picture
-        The board in one pose, by even light, for the report.
+    faults
+        What is wrong with the captures: named, never fitted away.
+    advice
+        Poses to add next, the most useful first.
     """
 
     session: Session
@@ -47,7 +59,8 @@ class BoardCommissioning:
     posed: tuple[PosedBoard, ...]
     fit: BoardRigFit
     rasters: dict[str, RasterCoordinate]
-    picture: NDArray[np.generic]
+    faults: tuple[RigFault, ...] = ()
+    advice: tuple[PoseAdvice, ...] = ()
 
     @property
     def used(self) -> tuple[PosedBoard, ...]:
@@ -66,7 +79,22 @@ class BoardCommissioning:
         """What a reader of the record should know besides the numbers."""
         aside = [f"pose {one.name} is left aside: {one.reason}" for one in self.posed if one.pose is None]
         axes = [f"axis {name}: {raster.sentence()}" for name, raster in self.rasters.items()]
-        return (*axes, *_one_axis(self.fit.rig.axes), *_undetermined(self.fit.rig.undetermined), *aside)
+        return (
+            *axes,
+            *_one_axis(self.fit.rig.axes),
+            *_undetermined(self.fit.rig.undetermined),
+            *aside,
+            *self.next_poses,
+        )
+
+    @property
+    def next_poses(self) -> tuple[str, ...]:
+        """What to measure next, in sentences."""
+        useful = [one for one in self.advice if one.ratio < _USEFUL]
+        return tuple(
+            f"one more pose, {one.text}: u of points in the volume would fall to {100 * one.ratio:.0f} % of what it is"
+            for one in useful
+        )
 
 
 def _one_axis(axes: tuple[str, ...]) -> tuple[str, ...]:
@@ -111,8 +139,16 @@ def commission_boards(session: Session, *, progress: Progress = lambda _: None) 
     demand_poses(found)
     progress("solving for camera, projector and poses")
     found, fit = solved_poses(session, captures, found)
-    picture = next(image for _, image in board_pictures(captures[0]))
-    return BoardCommissioning(session, captures, found, fit, rasters, picture)
+    progress("faults of the captures, and poses to add")
+    known = session.projector is not None and session.projector.pixel_aspect is not None
+    faults = rig_faults(fit, projector_aspect=_projector_aspect(session) if known else None)
+    return BoardCommissioning(session, captures, found, fit, rasters, faults, advise_poses(fit))
+
+
+def _projector_aspect(session: Session) -> float:
+    """Return fy / fx of the projector by its pixels as stated; 1 where nothing is."""
+    projector = session.projector
+    return 1.0 if projector is None or projector.pixel_aspect is None else 1 / projector.pixel_aspect
 
 
 def _demand_one_board(captures: Sequence[Capture]) -> None:
@@ -227,7 +263,7 @@ def _fit(session: Session, captures: Sequence[Capture], found: Sequence[PosedBoa
     assert projector is not None
     assert projector.resolution_px is not None
     height, width = captures[0].shape
-    aspect = 1.0 if projector.pixel_aspect is None else 1 / projector.pixel_aspect
+    aspect = _projector_aspect(session)
     poses = [one.pose for one in found if one.pose is not None]
     target = captures[0].target
     assert target is not None

@@ -52,6 +52,7 @@ def board_report(
             _rig_section(rig),
             _volume_section(rig, u),
             _residual_section(found),
+            *_next_section(found),
         ),
         inputs=tuple(file for capture in found.captures for file in inputs_of_capture(capture)),
         versions=software_versions(),
@@ -112,6 +113,10 @@ def _volume_section(rig: BoardRig, u: np.ndarray) -> Section:
         "png",
     )
     return Section("Volume", (f"Boards were at {ranges} mm of the camera's frame.",), figures=(drawn,))
+
+
+def _next_section(found: BoardCommissioning) -> tuple[Section, ...]:
+    return (Section("What to measure next", found.next_poses),) if found.next_poses else ()
 
 
 def _residual_section(found: BoardCommissioning) -> Section:
