@@ -21,6 +21,7 @@ from fringecal.projector.board_rig.board_problem import (
     board_data,
     placed_points,
     residuals,
+    subset,
 )
 from fringecal.projector.board_rig.board_solve import Expected, Solution, minimise, solve
 from fringecal.projector.board_rig.board_start import camera_start, projector_start, recentred
@@ -298,8 +299,7 @@ def _value(
         min(solution.dof),
         _rms(rest[:, :2], solution.used[:, :2]),
         _rms(rest[:, 2:], solution.used[:, 2:]),
-        float(np.median(solution.s_px[:, 0])),
-        float(np.median(solution.s_px[:, 1])),
+        *_scatter(solution.s_px, data),
         tuple(axis for axis, known in zip("uv", data.in_projector.any(axis=0), strict=True) if known),
         _undetermined(expected, covariance, form),
         form.names,
@@ -308,6 +308,13 @@ def _value(
         points[solution.used.any(axis=1)],
     )
     return BoardRigFit(rig, _pose_fits(poses, data, solution), form, solution, data, expected)
+
+
+def _scatter(s: Array, data: BoardData) -> tuple[float, float]:
+    """Standard deviation of a coordinate in either device, px: medians over poses, and of a stated u over points."""
+    stated = (data.camera_u, data.projector_u)
+    camera, projector = (float(np.median(s[:, k]) * np.median(stated[k])) for k in (0, 1))
+    return camera, projector
 
 
 def _with_scale(solution: Solution, form: BoardForm) -> Array:
@@ -330,7 +337,7 @@ def _pose_fits(poses: Sequence[BoardPose], data: BoardData, solution: Solution) 
             rest[part, :2],
             rest[part, 2:],
             solution.used[part],
-            *(float(s) for s in solution.s_px[k]),
+            *_scatter(solution.s_px[k : k + 1], subset(data, [k])),
         )
         for k, (pose, part) in enumerate(zip(poses, data.slices(), strict=True))
     )
