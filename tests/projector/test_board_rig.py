@@ -259,3 +259,21 @@ def test_too_few_poses_are_refused():
     poses = drawn_poses(drawn_rig(), np.random.default_rng(9), count=2)
     with pytest.raises(FitError, match="at least 3"):
         fit_board_rig(poses, CAMERA, PROJECTOR)
+
+
+def test_poses_that_say_nothing_are_refused():
+    """All alike but for noise, or points on one line."""
+    rig, rng = drawn_rig(), np.random.default_rng(12)
+    pose = drawn_poses(rig, rng, sigma_px=0.03, count=1)[0]
+    with pytest.raises(FitError):
+        fit_board_rig([pose] * 6, CAMERA, PROJECTOR)
+    row = {name: getattr(pose, name)[:9] for name in ("board_mm", "camera_px", "projector_px")}
+    with pytest.raises(FitError, match="one line"):
+        fit_board_rig([dataclasses.replace(pose, **row)] * 6, CAMERA, PROJECTOR)
+
+
+def test_a_mirrored_axis_is_refused():
+    poses = drawn_poses(drawn_rig(), np.random.default_rng(13), sigma_px=0.03)
+    mirrored = [dataclasses.replace(p, projector_px=p.projector_px * [-1, 1] + [911, 0]) for p in poses]
+    with pytest.raises(FitError, match="mirrored"):
+        fit_board_rig(mirrored, CAMERA, PROJECTOR)

@@ -33,6 +33,8 @@ Size = tuple[int, int]
 MIN_POSES = 3
 """Poses of a board: two hardly tell focal length from distance."""
 
+_DO = f"; capture at least {MIN_POSES} poses, tilted 20 to 40 degrees to different sides"
+_ON_A_LINE = 1e-3  # width over length of a pose's points
 _TERM_AT_CORNER = 0.1
 """Standard deviation expected of each term of a distortion, as a share of the radius at the picture's corner: no
 objective of a projector or of a measuring camera bends by more, and it holds a term of which boards tell nothing."""
@@ -177,23 +179,29 @@ def fit_board_rig(
     _demand(poses)
     form = board_form(poses, statement, warp_degree)
     data = board_data(poses, form)
-    state, expected = _started(poses, data, form, (camera_size, projector_size, projector_aspect, radial_terms))
-    solution = solve(state, data, expected, equal=equal_weights)
+    try:
+        state, expected = _started(poses, data, form, (camera_size, projector_size, projector_aspect, radial_terms))
+        solution = solve(state, data, expected, equal=equal_weights)
+    except np.linalg.LinAlgError as error:
+        raise FitError(f"{len(poses)} poses leave the rig undetermined ({error}){_DO}") from error
+    focal = solution.state.shared[[0, 1, 9, 10]]
+    if not (np.isfinite(focal).all() and (focal > 0).all()):
+        raise FitError(f"{len(poses)} poses leave the focal lengths undetermined{_DO}")
     return _value(poses, (camera_size, projector_size), form, (data, expected, solution))
 
 
 def _demand(poses: Sequence[BoardPose]) -> None:
     if len(poses) < MIN_POSES:
-        raise FitError(
-            f"{len(poses)} pose(s) of the board: focal lengths and distances cannot be told apart; capture at least "
-            f"{MIN_POSES}, tilted 20 to 40 degrees to different sides"
-        )
+        raise FitError(f"{len(poses)} pose(s) of the board: focal lengths and distances cannot be told apart{_DO}")
     for k, pose in enumerate(poses):
-        if int(pose.in_camera.sum()) < MIN_POSE_POINTS:
+        seen = pose.board_mm[pose.in_camera, :2]
+        if len(seen) < MIN_POSE_POINTS:
             raise FitError(
-                f"pose {pose.name or k}: {int(pose.in_camera.sum())} points seen by the camera; {MIN_POSE_POINTS} are "
-                "needed"
+                f"pose {pose.name or k}: {len(seen)} points seen by the camera; {MIN_POSE_POINTS} are needed"
             )
+        spread = np.linalg.svd(seen - seen.mean(axis=0), compute_uv=False)
+        if spread[1] < _ON_A_LINE * spread[0]:
+            raise FitError(f"pose {pose.name or k}: the points seen by the camera lie on one line of the board")
 
 
 def _started(

@@ -114,14 +114,17 @@ def rig_faults(
     explains most is named: what is left when it is mended shows then. Poses that disagree are then its consequence.
     """
     poses = _of_poses(fit)
+    wrong = {name for one in poses for name in one.poses}
+    alike = _of_geometry(fit)
+    if alike and _spread_deg(fit.poses) < _ALIKE_DEG:
+        return (*poses, *alike)  # such poses tell no cause from another
     rows = _weighted_rows(fit)
     causes = [_of_aspects(fit, camera_aspect, projector_aspect), _of_skew(fit, rows), *_of_focus(fit, rows)]
     known = [cause for cause in causes if cause is not None]
     if known:
         poses = [one for one in poses if one.kind is not RigFaultKind.POSE_DISAGREES]
         return (*poses, max(known, key=lambda cause: cause[0])[1])
-    wrong = {name for one in poses for name in one.poses}
-    return (*poses, *_of_scatter(fit, wrong), *_of_geometry(fit))
+    return (*poses, *_of_scatter(fit, wrong), *alike)
 
 
 type _Cause = tuple[float, RigFault] | None
