@@ -141,8 +141,8 @@ def projector_start(
     lit = everything @ rotation.T + shift
     if np.median(lit[:, 2]) < 0:
         raise FitError(
-            "by its coordinates the projector looks away from the boards: one of its axes is mirrored (a phase that falls "
-            "and was taken to rise), or the poses are too alike to tell"
+            "by its coordinates the projector looks away from the boards: one of its axes is mirrored (a phase that "
+            "falls and was taken to rise), or the poses are too alike to tell"
         )
     return (lens, rotation, shift), kept
 
