@@ -165,3 +165,18 @@ def test_widths_of_form_definitions_on_white_noise():
     page = " ".join(TEXT["verification"].split())
     vdi, iso = 2 * stats.norm.ppf(1 - 0.003 / 2), 2 * stats.norm.ppf(1 - 0.05 / 2)
     assert f"the first is about {vdi:.1f} σ, the second {iso:.1f} σ" in page
+
+
+# ---- the projector as an inverse camera -----------------------------------------------------------
+def test_a_homography_before_a_pinhole_is_a_pinhole_that_leans():
+    """Why a keystone correction shows as aspect and lean: H K is again an upper triangle times a turn."""
+    keystone = np.array([[1.0, 0.12, 0.0], [0.0, 1.06, 0.0], [0.0, 1.5e-4, 1.0]])
+    core = np.array([[1700.0, 0, 900], [0, 1700, 500], [0, 0, 1]])
+    lower, turn = np.linalg.qr((keystone @ core)[::-1].T)
+    upper, turn = turn.T[::-1, ::-1], lower.T[::-1]
+    assert upper @ turn == pytest.approx(keystone @ core)
+    assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-12)
+    upper = upper / upper[2, 2]
+    assert np.tril(upper, -1) == pytest.approx(np.zeros((3, 3)), abs=1e-9)
+    assert abs(upper[0, 1] / upper[1, 1]) > 0.005  # rad; a lean of 0.002 is named
+    assert abs(abs(upper[1, 1] / upper[0, 0]) - 1) > 0.004  # an aspect so far off is named

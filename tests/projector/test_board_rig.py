@@ -114,6 +114,19 @@ def test_wrong_corners_are_left_out():
     assert fit.rig.projector_s_px == pytest.approx(0.015, rel=0.15)
 
 
+def test_the_corners_own_error_is_taken_out_of_the_projectors_coordinate():
+    """Equation (4): raw residuals of both pictures go together, those that are weighed do not."""
+    fit = fit_board_rig(drawn_poses(drawn_rig(), np.random.default_rng(14), sigma_px=0.05, count=16), CAMERA, PROJECTOR)
+    camera = np.vstack([pose.camera_residual_px for pose in fit.poses])
+    raw = np.vstack([pose.projector_residual_px for pose in fit.poses])
+    weighed = fit.solution.rest_px[:, 2:]
+    together = [np.abs(np.linalg.lstsq(camera, rest, rcond=None)[0]).max() for rest in (raw, weighed)]
+    assert together[0] > 0.5
+    assert together[1] < 0.05
+    assert raw.std() > 2.5 * weighed.std()
+    assert weighed.std() == pytest.approx(0.015, rel=0.1)
+
+
 def test_one_axis_gives_the_same_points_and_says_what_it_cannot_tell():
     rig = drawn_rig()
     poses = drawn_poses(rig, np.random.default_rng(4), sigma_px=0.02)
