@@ -73,7 +73,7 @@ def _faults(found: BoardCommissioning) -> tuple[Check, ...]:
     """Fail for each fault of the captures that was named; pass once where there is none."""
     if not found.faults:
         rule = "print, pixels, focus, numbering and poses explain nothing of the residuals more than chance does"
-        return (Check(name="faults of the captures", value=0, limit=0, decision="pass", rule=rule),)
+        return (Check(name="errors of the captures", value=0, limit=0, decision="pass", rule=rule),)
     return tuple(
         Check(name=fault.kind.value, decision="fail", rule=fault.message, value=_size(fault)) for fault in found.faults
     )
