@@ -167,9 +167,8 @@ def corners_of(rigs: int, first: int) -> None:
     for key, values in errors.items():
         known = [value for value in values if np.isfinite(value)]
         middle = f"{np.median(known):.1f} px" if known else "-"
-        print(
-            f"{key:20s} {len(values):4d} lenses: corners off by {middle} (median), no ray there in {len(values) - len(known)}"
-        )
+        none = len(values) - len(known)
+        print(f"{key:20s} {len(values):4d} lenses: corners off by {middle} (median), no ray there in {none}")
 
 
 def main(rigs: int = 40, first: int = 1) -> None:
