@@ -7,7 +7,7 @@ import pytest
 
 from fringecal.errors import SessionError
 from fringecal.session import check_session, load_session
-from fringecal.session.fringe_axes import first_ambiguity_px
+from fringecal.session.fringes.fringe_axes import first_ambiguity_px
 
 Bench = Any  # the fixture of conftest.py
 

@@ -78,6 +78,6 @@ def _table(session: Session) -> Table:
             f"{width} x {height}",
             str(capture.bits),
             str(capture.white_level),
-            capture.sha256[0][:8],
+            capture.files[0][1][:8],
         )
     return table

@@ -46,8 +46,11 @@ from .faults import (
 from .faults import (
     joined as joined,
 )
-from .fringe_axes import (
+from .fringes.fringe_axes import (
     FringeAxis as FringeAxis,
+)
+from .fringes.phase_maps import (
+    StatedMap as StatedMap,
 )
 from .in_memory import (
     capture_of_arrays as capture_of_arrays,

@@ -7,7 +7,7 @@ from pathlib import Path
 from fringecal.session.captures import CameraKnown, Capture, MirrorKnown, ProjectorKnown, Session
 from fringecal.session.document import FILE_NAME, CaptureTable, ProjectorTable, SessionDocument
 from fringecal.session.draft import Draft
-from fringecal.session.fringe_axes import along, axes_of
+from fringecal.session.fringes.fringe_axes import along, axes_of
 from fringecal.session.model_file import ModelFile
 from fringecal.session.parse import Parsed
 
@@ -58,7 +58,8 @@ def use_of(table: CaptureTable) -> str:
 
 
 def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Capture:
-    table, first = draft.table, draft.frames[0]
+    table = draft.table
+    shape, bits = _form(draft)
     room = document.temperature_degC, document.temperature_u_degC or _ROOM_U_DEGC
     resolution = None if document.projector is None else document.projector.resolution_px
     axes = axes_of(table, resolution, draft.gray_counts)
@@ -69,14 +70,15 @@ def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Captu
         paths=draft.files,
         sha256=_hashes(draft, draft.files),
         phase_shifts_rad=_radians(draft.steps_deg or ()),
-        shape=(first.height_px, first.width_px),
-        bits=first.bits,
+        shape=shape,
+        bits=bits,
         white_level=white_level,
         repeat=table.repeat,
         periods=axes[0].periods_px if axes else tuple(along(table.periods, "u")),
         gray_paths=draft.gray_files,
         gray_sha256=_hashes(draft, draft.gray_files),
         axes=axes,
+        maps=draft.maps,
         white_paths=draft.white_files,
         white_sha256=_hashes(draft, draft.white_files),
         black_paths=draft.black_files,
@@ -84,6 +86,15 @@ def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Captu
         channel=table.channel or document.camera.channel,
         use=use_of(table),
     )
+
+
+def _form(draft: Draft) -> tuple[tuple[int, int], int]:
+    """Return the size of a capture's pictures, or of its maps, and the bits of its files."""
+    if draft.all_frames:
+        first = draft.all_frames[0]
+        return (first.height_px, first.width_px), first.bits
+    height, width = draft.maps[0].phase_rad.shape
+    return (height, width), 8
 
 
 def _hashes(draft: Draft, files: Iterable[Path]) -> tuple[str, ...]:
@@ -102,6 +113,8 @@ def _inputs(
     for draft in drafts:
         for path in draft.every_file:
             yield path.relative_to(folder).as_posix(), draft.facts[path].sha256
+        for one in draft.maps:
+            yield one.path.relative_to(folder).as_posix(), one.sha256
 
 
 def _radians(steps_deg: Iterable[float]) -> tuple[float, ...]:

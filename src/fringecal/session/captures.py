@@ -11,7 +11,8 @@ import numpy as np
 
 from fringecal.errors import SessionError
 from fringecal.session.faults import PictureError, hint, joined
-from fringecal.session.fringe_axes import FringeAxis
+from fringecal.session.fringes.fringe_axes import FringeAxis
+from fringecal.session.fringes.phase_maps import StatedMap
 from fringecal.session.pictures.picture import decode, to_grey
 from fringecal.session.pictures.size_limits import regular_bytes
 from fringecal.targets import Quantity, Target
@@ -96,6 +97,8 @@ class Capture:
     axes
         Axes of the projector that the fringes vary along, in the order of the files; empty where none are stated.
         `periods` are then those of the first, in px of the projector.
+    maps
+        Phase maps that another program made, in place of frames.
     white_paths, white_sha256, black_paths, black_sha256
         Pictures lit evenly, and not at all, by the projector.
     pixels, gray_pixels
@@ -119,6 +122,7 @@ class Capture:
     channel: str | None = None
     use: str = "verification"
     axes: tuple[FringeAxis, ...] = ()
+    maps: tuple[StatedMap, ...] = ()
     white_paths: tuple[Path, ...] = ()
     white_sha256: tuple[str, ...] = ()
     black_paths: tuple[Path, ...] = ()
@@ -151,7 +155,12 @@ class Capture:
         """Every picture file of the capture with its hash."""
         paths = (*self.paths, *self.gray_paths, *self.white_paths, *self.black_paths)
         hashes = (*self.sha256, *self.gray_sha256, *self.white_sha256, *self.black_sha256)
-        return tuple(zip(paths, hashes, strict=True))
+        return (*zip(paths, hashes, strict=True), *((one.path, one.sha256) for one in self.maps))
+
+    @property
+    def counted_axes(self) -> tuple[str, ...]:
+        """Axes of the projector that frames or maps count its pixels along."""
+        return tuple(axis.name for axis in self.axes) or tuple(dict.fromkeys(one.axis for one in self.maps))
 
     def read_gray(self) -> np.ndarray:
         """Read the Gray-code frames, (N, H, W), the coarsest bit first (of the first axis, where there are two)."""

@@ -8,7 +8,7 @@ from pydantic import AwareDatetime, BaseModel, ConfigDict, Field
 
 from fringecal.session.captures import Capture
 from fringecal.session.checking import SessionCheck
-from fringecal.session.fringe_axes import FringeAxis
+from fringecal.session.fringes.fringe_axes import FringeAxis
 
 SCHEMA_FILE = "check.schema.json"
 
@@ -51,6 +51,7 @@ class CaptureRow(_Row):
     use: str = Field(description="calibration or verification.")
     images: list[ImageRow]
     gray: list[ImageRow]
+    maps: list[ImageRow] = Field(default=[], description="Phase maps in place of frames.")
     axes: list[AxisRow] = Field(default=[], description="Of the projector's raster, in the order of the images.")
     white: list[ImageRow] = []
     black: list[ImageRow] = []
@@ -112,6 +113,7 @@ def _capture_row(capture: Capture, check: SessionCheck) -> CaptureRow:
         use=capture.use,
         images=rows(capture.paths, capture.sha256),
         gray=rows(capture.gray_paths, capture.gray_sha256),
+        maps=rows(tuple(m.path for m in capture.maps), tuple(m.sha256 for m in capture.maps)),
         axes=[_axis_row(axis) for axis in capture.axes],
         white=rows(capture.white_paths, capture.white_sha256),
         black=rows(capture.black_paths, capture.black_sha256),

@@ -12,7 +12,7 @@ from fringecal.session.captures import Session
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft, draft_capture
 from fringecal.session.faults import Fault
-from fringecal.session.fringe_axes import axis_faults
+from fringecal.session.fringes.fringe_axes import axis_faults
 from fringecal.session.model_file import ReadModel, model_file
 from fringecal.session.parse import Parsed, parse_folder
 from fringecal.session.pictures import picture_rules as comparison

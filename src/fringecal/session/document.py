@@ -116,6 +116,20 @@ class AxisFiles(_Table):
     v: list[Text] | None = None
 
 
+class MapTable(_Table):
+    """A phase map made by another program: its file, which array of it, and along which axis it counts."""
+
+    file: Text
+    name: Text | None = None
+    axis: Axis
+    period: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    fringes: Annotated[FiniteFloat, Field(gt=0)] | None = None
+    absolute: bool = False
+    zero_deg: FiniteFloat = 0.0
+    falling: bool = False
+    u_rad: Annotated[FiniteFloat, Field(gt=0)] | None = None
+
+
 IN_ONE, BY_AXIS = "one list for all", "a table by axis"  # tags of unions; no message shows them
 
 
@@ -151,6 +165,7 @@ class CaptureTable(_Table):
     zeros_deg: AnglesByAxis | None = None
     falling: list[Axis] | None = None
     gray: FilesByAxis | None = None
+    maps: Annotated[list[MapTable], Field(min_length=1)] | None = None
     white: list[Text] | None = None
     black: list[Text] | None = None
     repeat: Annotated[int, Field(ge=1)] = 1

@@ -7,6 +7,7 @@ from pathlib import Path
 from fringecal.errors import TargetError
 from fringecal.session.document import AxisFiles, CaptureTable
 from fringecal.session.faults import Fault, PictureError
+from fringecal.session.fringes.phase_maps import StatedMap, read_maps
 from fringecal.session.model_file import outside_fault
 from fringecal.session.parse import Parsed
 from fringecal.session.pictures.capture_files import FrameFacts, examine, expand
@@ -41,6 +42,8 @@ class Draft:
         What could not be found or read.
     target_sha256
         Of the bytes that the target was read from; empty for a shipped target.
+    maps
+        Phase maps that another program made.
     gray_counts
         How many of the Gray-code pictures belong to each axis of the projector, where axes are stated.
     white_files, black_files
@@ -61,6 +64,7 @@ class Draft:
     gray_counts: dict[str, int] = field(default_factory=dict)
     white_files: tuple[Path, ...] = ()
     black_files: tuple[Path, ...] = ()
+    maps: tuple[StatedMap, ...] = ()
 
     @property
     def every_file(self) -> tuple[Path, ...]:
@@ -107,6 +111,7 @@ def draft_capture(
     gray_files = tuple(path for paths in gray.values() for path in paths)
     every = (*files, *gray_files, *(path for paths, _ in lights for path in paths))
     found = [_examined(folder, path, label, examined) for path in dict.fromkeys(every)]
+    maps, map_faults = ((), []) if "maps" in broken else read_maps(folder, table, parsed.sound_document, label)
     target, target_sha256, target_faults = _target(folder, table, label, targets)
     return Draft(
         label=label,
@@ -124,9 +129,11 @@ def draft_capture(
             *(fault for _, light_faults in lights for fault in light_faults),
             *(f for f in found if isinstance(f, Fault)),
             *target_faults,
+            *map_faults,
         ),
         target_sha256=target_sha256,
         gray_counts={name: len(paths) for name, paths in gray.items()},
+        maps=maps,
         white_files=tuple(lights[0][0]),
         black_files=tuple(lights[1][0]),
     )
@@ -179,7 +186,7 @@ def _steps_deg(parsed: Parsed, table: CaptureTable, broken: frozenset[str]) -> t
         return tuple(table.steps_deg)
     if broken & {"steps_deg", "kind", "axes"}:
         return None
-    if table.kind in PICTURE_KINDS and table.axes is None:
+    if table.maps is not None or (table.kind in PICTURE_KINDS and table.axes is None):
         return ()
     phase = parsed.sound_document.phase
     return tuple(phase.steps_deg) if phase is not None else None

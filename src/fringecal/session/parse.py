@@ -22,6 +22,7 @@ from fringecal.session.document import (
     AxisLengths,
     CameraTable,
     CaptureTable,
+    MapTable,
     MirrorTable,
     PhaseTable,
     ProjectorTable,
@@ -46,6 +47,7 @@ _TABLES: dict[tuple[str, ...], type[BaseModel]] = {
     ("capture", "fringes"): AxisLengths,
     ("capture", "zeros_deg"): AxisAngles,
     ("capture", "gray"): AxisFiles,
+    ("capture", "maps"): MapTable,
 }
 
 # Stand-ins for what is missing or wrong, so that the rest can still be checked; never returned as data.
@@ -84,6 +86,9 @@ _NEEDED = {
     "axes": 'write axes = ["u"], ["v"] or ["u", "v"]: the projector\'s columns are counted along u, its rows along v',
     "fringes": "list the numbers of fringes across the projector's picture in file order, all greater than zero",
     "zeros_deg": "list the phase of each period at the projector's first pixel, in degrees",
+    "maps": 'list tables: maps = [{ file = "phase.npz", name = "u", axis = "u", fringes = 64, absolute = true }]',
+    "file": "name a .npy, .npz or .mat file in the session's folder",
+    "axis": 'write axis = "u" or axis = "v"',
     "falling": "list the axes along which the phase falls; [] says that it rises along each",
     "resolution_px": "write resolution_px = [columns, rows] of the projector",
     "pixel_aspect": "write the height of the projector's pixels over their width",

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from fringecal.session.document import FILE_NAME, SessionDocument
 from fringecal.session.draft import Draft
 from fringecal.session.faults import Fault, joined
-from fringecal.session.fringe_axes import along, number_of_sets
+from fringecal.session.fringes.fringe_axes import along, number_of_sets
 
 _TARGETS_OF = {
     "grid": frozenset({"line-grid", "chessboard", "charuco", "dots"}),
@@ -83,8 +83,10 @@ def count_faults(draft: Draft) -> Iterator[Fault]:
     """Compare the number of images with steps x periods x repeat."""
     if draft.broken & {"images", "periods", "fringes", "axes", "repeat"}:
         return
-    if not draft.table.images:
+    if not draft.table.images and draft.table.maps is None:
         yield Fault(f"{draft.label}: images", "no images", "list at least one file")
+    elif not draft.table.images:
+        return
     elif draft.steps_deg is not None and draft.has_all_files:
         yield from _count_faults(draft, len(draft.steps_deg))
 

@@ -71,9 +71,11 @@ def board_pictures(capture: Capture) -> Iterator[tuple[str, NDArray[np.generic]]
 
     Where no picture is lit evenly, the mean of the frames is: whole sets of phase shifts leave no fringes in it.
     """
-    if not capture.axes:
+    if not capture.counted_axes:
         yield from ((path.name, image) for path, image in zip(capture.paths, capture.read(), strict=True))
         return
     white = capture.read_light("white")
+    if white is None and capture.maps:
+        raise SessionError([f"capture {capture.name!r}: maps alone show no board; add a picture of it as white"])
     name = capture.white_paths[0].name if capture.white_paths else f"{capture.name} (mean)"
     yield name, np.asarray(capture.read().mean(axis=0) if white is None else white, np.float32)

@@ -80,7 +80,7 @@ def measure_volume(
     _demand(capture, rig)
     progress(f"phase of {capture.name}")
     place, u_px, volume = _points(capture, rig, written.raster)
-    plates = [one for one in session.find("reference") if one.axes and one.shape == capture.shape]
+    plates = [one for one in session.find("reference") if one.counted_axes and one.shape == capture.shape]
     found = VolumeMeasured(capture, rig, place, u_px, volume)
     if not plates:
         return found
@@ -103,7 +103,7 @@ def _demand(capture: Capture, rig: BoardRig) -> None:
                 f"for {size[1]} x {size[0]} px; use pictures of the same camera, uncropped"
             ]
         )
-    if not {axis.name for axis in capture.axes} & set(rig.axes):
+    if not set(capture.counted_axes) & set(rig.axes):
         wanted = " or ".join(f'"{axis}"' for axis in rig.axes)
         raise SessionError(
             [f"capture {capture.name!r}: this rig is calibrated for fringes along {wanted}; state axes of the capture"]
@@ -115,10 +115,12 @@ def _points(
 ) -> tuple[Array, tuple[float, float], VolumeMap]:
     """Count the projector's pixels as the calibration does, and triangulate."""
     place, u = np.full((2, *capture.shape), np.nan), [0.0, 0.0]
-    for axis in capture.axes:
-        if axis.name in rig.axes:
-            k = "uv".index(axis.name)
-            found = raster_of_capture(capture, axis.name, like=_counted_as(axis, known)).raster
+    for name in capture.counted_axes:
+        if name in rig.axes:
+            k = "uv".index(name)
+            stated = next((axis for axis in capture.axes if axis.name == name), None)
+            like = None if stated is None else _counted_as(stated, known)
+            found = raster_of_capture(capture, name, like=like).raster
             place[k], u[k] = found.px, float(np.nanmedian(np.where(np.isfinite(found.px), found.u_px, np.nan)))
     column, row = (place[k] if np.isfinite(place[k]).any() else None for k in (0, 1))
     return place, (u[0], u[1]), volume_points(rig, column, row, u_px=(u[0], u[1]))

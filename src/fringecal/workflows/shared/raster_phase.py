@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.errors import PhaseError
+from fringecal.errors import PhaseError, SessionError
+from fringecal.numerics import TURN, wrap
 from fringecal.phase import (
     Adapted,
     PhaseMap,
@@ -22,10 +23,13 @@ from fringecal.workflows.shared.capture_phase import adapted_set, shortest_perio
 
 @dataclass(frozen=True)
 class AxisPhase:
-    """Projector coordinates of a capture along one axis, and the corrected phase of its shortest fringes."""
+    """Projector coordinates of a capture along one axis, and the corrected phase of its shortest fringes.
+
+    `adapted` is None where phase maps stand in place of frames.
+    """
 
     axis: str
-    adapted: Adapted
+    adapted: Adapted | None
     raster: RasterCoordinate
 
 
@@ -52,6 +56,8 @@ def raster_of_capture(
     PhaseError
         The frames hold no phase, or contradict the stated periods.
     """
+    if capture.maps:
+        return AxisPhase(axis, None, _raster_of_stated(capture, axis, like))
     one = capture.along(axis)
     shortest = shortest_period(one)
     main = adapted_set(one, shortest, wave)
@@ -64,6 +70,37 @@ def raster_of_capture(
     except PhaseError as error:
         raise PhaseError(f"capture {capture.name!r}, axis {axis}: {error}") from error
     return AxisPhase(axis, main, raster if lit is None else raster.within(lit))
+
+
+def _raster_of_stated(capture: Capture, axis: str, like: RasterCoordinate | None) -> RasterCoordinate:
+    """Count by maps that another program made: an absolute one as it is, or several wrapped ones together."""
+    maps = [one for one in capture.maps if one.axis == axis]
+    if not maps:
+        known = ", ".join(capture.counted_axes)
+        raise SessionError([f"capture {capture.name!r}: no map changes along {axis}, only along {known}"])
+    lit = lit_by_projector(capture)
+    counted = next((one for one in maps if one.absolute), None)
+    if counted is not None:
+        per_rad = counted.period_px / TURN
+        px = (counted.phase_rad - counted.zero_rad) * per_rad * (-1 if counted.falls else 1)
+        u_px = np.full(px.shape, counted.u_rad * per_rad, np.float32)
+        raster = RasterCoordinate(px, u_px, counted.extent_px, np.inf, (counted.zero_rad,), counted.falls)
+    else:
+        phases = np.stack([wrap(one.phase_rad) for one in maps])
+        sigmas = np.stack([np.full(one.phase_rad.shape, one.u_rad) for one in maps])
+        zeros = [one.zero_rad for one in maps] if any(one.zero_rad for one in maps) or like is None else like.zeros_rad
+        try:
+            raster = raster_coordinate(
+                phases,
+                sigmas,
+                [one.period_px for one in maps],
+                maps[0].extent_px,
+                zeros_rad=zeros if any(zeros) else None,
+                falls=True if maps[0].falls else None,
+            )
+        except PhaseError as error:
+            raise PhaseError(f"capture {capture.name!r}, axis {axis}: {error}") from error
+    return raster if lit is None else raster.within(lit)
 
 
 _LIT = 0.02  # of the white level, by which white must exceed black: less is what shadows scatter

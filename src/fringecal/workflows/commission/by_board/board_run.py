@@ -112,7 +112,7 @@ def _undetermined(names: tuple[str, ...]) -> tuple[str, ...]:
 
 def is_board_session(session: Session) -> bool:
     """Tell whether a session is to be calibrated by a board with fringes: it has such poses, and no strips."""
-    return any(capture.axes for capture in session.find("board")) and not session.find("strips")
+    return any(capture.counted_axes for capture in session.find("board")) and not session.find("strips")
 
 
 def commission_boards(session: Session, *, progress: Progress = lambda _: None) -> BoardCommissioning:
@@ -132,7 +132,7 @@ def commission_boards(session: Session, *, progress: Progress = lambda _: None) 
     FitError
         The poses do not determine the rig.
     """
-    captures = tuple(capture for capture in session.find("board") if capture.axes)
+    captures = tuple(capture for capture in session.find("board") if capture.counted_axes)
     _demand_one_board(captures)
     found, rasters = _measured(captures, progress)
     found = _turned(found, rasters)
@@ -165,7 +165,7 @@ def _measured(
     for capture in captures:
         progress(f"phase and corners of {capture.name}")
         try:
-            axes = [_axis(capture, axis.name, like.get(axis.name)) for axis in capture.axes]
+            axes = [_axis(capture, name, like.get(name)) for name in capture.counted_axes]
         except PhaseError as error:
             found.append(PosedBoard(capture.name, None, str(error)))
             continue
@@ -185,7 +185,7 @@ def _axis(capture: Capture, name: str, like: AxisPhase | None) -> AxisPhase:
 
 
 def _wave(like: AxisPhase) -> Waveform | None:
-    return like.adapted.found_wave
+    return None if like.adapted is None else like.adapted.found_wave
 
 
 def _mirrored(axis: AxisPhase) -> AxisPhase:

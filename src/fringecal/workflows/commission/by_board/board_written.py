@@ -1,6 +1,6 @@
 """Between a rig calibrated by a board in poses and its record: there and back again."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from fringecal.records import (
     VolumeRecord,
     software_versions,
 )
+from fringecal.session import Capture, FringeAxis, StatedMap
 from fringecal.uncertainty import EN_DEFINITION, Estimate
 from fringecal.workflows.commission.by_board.board_judged import board_checks
 from fringecal.workflows.commission.by_board.board_numbers import (
@@ -102,14 +103,24 @@ def _poses(found: BoardCommissioning) -> tuple[PoseRecord, ...]:
 
 
 def _raster(found: BoardCommissioning, name: str, raster: RasterCoordinate) -> RasterRecord:
-    stated = next(axis for capture in found.captures for axis in capture.axes if axis.name == name)
+    extent, periods = next(
+        (int(one.extent_px), tuple(p.period_px for p in capture.maps if p.axis == name) or axis_periods)
+        for capture in found.captures
+        for one, axis_periods in _counted(capture, name)
+    )
     return RasterRecord(
         axis=name,  # type: ignore[arg-type]
-        extent_px=stated.extent_px,
-        periods_px=stated.periods_px,
+        extent_px=extent,
+        periods_px=periods,
         zeros_rad=raster.zeros_rad,
         falls=raster.falls,
     )
+
+
+def _counted(capture: Capture, name: str) -> Iterator[tuple[FringeAxis | StatedMap, tuple[float, ...]]]:
+    """Give what a capture states along an axis, by frames or maps, with its periods."""
+    yield from ((axis, axis.periods_px) for axis in capture.axes if axis.name == name)
+    yield from ((one, (one.period_px,)) for one in capture.maps if one.axis == name)
 
 
 def _numbers(values: NDArray[np.float64]) -> tuple[float, ...]:

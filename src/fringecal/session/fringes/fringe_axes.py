@@ -1,6 +1,6 @@
 """Fringes along the axes of a projector's raster: what a capture states of them, and what cannot be so."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -112,7 +112,10 @@ def first_ambiguity_px(periods_px: ArrayLike, extent_px: float) -> float | None:
 def axis_faults(draft: Draft, document: SessionDocument, *, is_projector_sound: bool) -> Iterator[Fault]:
     """See that what a capture states of its fringes goes together and with the projector."""
     table = draft.table
-    if draft.broken & {"axes", "periods", "fringes", "zeros_deg", "gray", "kind"}:
+    if draft.broken & {"axes", "periods", "fringes", "zeros_deg", "gray", "kind", "maps"}:
+        return
+    if table.maps is not None:
+        yield from _with_maps(draft)
         return
     if table.axes is None:
         yield from _without_axes(draft)
@@ -131,6 +134,26 @@ def axis_faults(draft: Draft, document: SessionDocument, *, is_projector_sound: 
     elif is_projector_sound:
         remedy = "write [projector] resolution_px = [columns, rows]"
         yield Fault(where, "the projector's pixels are not stated, which its axes count", remedy)
+
+
+_BESIDE_MAPS = ("images", "axes", "periods", "fringes", "zeros_deg", "falling", "gray", "steps_deg")
+
+
+def _with_maps(draft: Draft) -> Iterator[Fault]:
+    """Refuse frames and what is stated of them beside phase maps, which state it themselves."""
+    for key in _BESIDE_MAPS:
+        if getattr(draft.table, key):
+            found = "stated beside maps, which are the phase already"
+            yield Fault(f"{draft.label}: {key}", found, "leave it out (images = []), or the maps")
+    sizes = {(frame.height_px, frame.width_px) for frame in draft.all_frames}
+    shapes = {one.phase_rad.shape for one in draft.maps}
+    if sizes and shapes and sizes != shapes:
+        found = f"maps of {_sizes(shapes)}, while its pictures have {_sizes(sizes)}"
+        yield Fault(f"{draft.label}: maps", found, "give maps and pictures of one camera, uncropped")
+
+
+def _sizes(shapes: Iterable[tuple[int, ...]]) -> str:
+    return joined(f"{shape[1]} x {shape[0]} px" for shape in sorted(shapes))
 
 
 def _without_axes(draft: Draft) -> Iterator[Fault]:

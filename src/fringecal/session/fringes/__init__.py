@@ -1,0 +1,1 @@
+"""What a session states of fringes that count a projector's pixels: frames along its axes, and phase maps."""
