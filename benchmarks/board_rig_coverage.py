@@ -68,9 +68,14 @@ class Drawn:
     def read(self, points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Projector coordinates by phase: with noise and the response's ripple."""
         lit = self.light(points)
-        ripple = self.ripple_px * np.sin(HARMONIC * 2 * np.pi * lit / self.period_px + self.ripple_phase)
-        found = lit + ripple + self.noise_px * rng.standard_normal(lit.shape)
+        ripple = self.ripple_px * np.sin(HARMONIC * 2 * np.pi * lit / (self.period_px * self.rows) + self.ripple_phase)
+        found = lit + (ripple + self.noise_px * rng.standard_normal(lit.shape)) * self.rows
         return found if self.axes == 2 else found * [1.0, np.nan]
+
+    @property
+    def rows(self) -> np.ndarray:
+        """Scatter of columns and rows over that of columns: fringes along both axes have one width on the board."""
+        return np.array([1.0, round(float(self.projector.matrix[1, 1] / self.projector.matrix[0, 0]))])
 
     @property
     def u_px(self) -> float:
@@ -186,8 +191,8 @@ def spoil(rng: np.random.Generator, pose: BoardPose, rig: Drawn, spoilt: Spoilt)
     """Put wrong corners, wrong orders and glare into a pose."""
     n = len(pose.board_mm)
     wrong = (rng.random(n) < spoilt.corners)[:, None] * rng.normal(0, 3.0, (n, 2))
-    order = (rng.random((n, 2)) < spoilt.orders) * rig.period_px * rng.choice([-1, 1], (n, 2))
-    glare = (rng.random() < spoilt.glare) * 5 * rig.u_px * rng.standard_normal((n, 2))
+    order = (rng.random((n, 2)) < spoilt.orders) * rig.period_px * rng.choice([-1, 1], (n, 2)) * rig.rows
+    glare = (rng.random() < spoilt.glare) * 5 * rig.u_px * rng.standard_normal((n, 2)) * rig.rows
     return replace(pose, camera_px=pose.camera_px + wrong, projector_px=pose.projector_px + order + glare)
 
 
@@ -255,7 +260,7 @@ def places(rng: np.random.Generator, rig: Drawn) -> np.ndarray:
 
 
 def points_of(rng: np.random.Generator, rig: Drawn, fit: BoardRig, truth: np.ndarray):
-    return rig_points(fit, rig.camera.see(truth), rig.read(truth, rng), projector_u_px=rig.u_px)
+    return rig_points(fit, rig.camera.see(truth), rig.read(truth, rng), projector_u_px=rig.u_px * rig.rows[None])
 
 
 def radius_error(rng: np.random.Generator, rig: Drawn, fit: BoardRig) -> tuple[float, float]:

@@ -23,7 +23,7 @@ from fringecal.projector.board_rig.board_problem import (
     residuals,
     subset,
 )
-from fringecal.projector.board_rig.board_solve import Expected, Solution, minimise, solve
+from fringecal.projector.board_rig.board_solve import Expected, Solution, balanced, minimise, solve
 from fringecal.projector.board_rig.board_start import camera_start, projector_start, recentred
 from fringecal.projector.board_rig.rig_value import BOARD_RIG_NAMES, BoardRig
 
@@ -65,7 +65,7 @@ class PoseFit:
     used
         (n, 4): column and row in the camera, in the projector.
     camera_s_px, projector_s_px
-        Standard deviation of one coordinate, by which the pose's points were weighed.
+        Standard deviation of one coordinate, geometric mean of both axes, by which the pose's points were weighed.
     """
 
     name: str
@@ -181,6 +181,8 @@ def fit_board_rig(
     data = board_data(poses, form)
     try:
         state, expected = _started(poses, data, form, (camera_size, projector_size, projector_aspect, radial_terms))
+        if not equal_weights:
+            state, data = balanced(state, data, expected)
         solution = solve(state, data, expected, equal=equal_weights)
     except np.linalg.LinAlgError as error:
         raise FitError(f"{len(poses)} poses leave the rig undetermined ({error}){_DO}") from error
@@ -319,9 +321,9 @@ def _value(
 
 
 def _scatter(s: Array, data: BoardData) -> tuple[float, float]:
-    """Standard deviation of a coordinate in either device, px: medians over poses, and of a stated u over points."""
+    """Standard deviation of a coordinate in either device, px: median over poses, geometric mean over axes."""
     stated = (data.camera_u, data.projector_u)
-    camera, projector = (float(np.median(s[:, k]) * np.median(stated[k])) for k in (0, 1))
+    camera, projector = (float(np.median(s[:, k]) * np.exp(np.log(stated[k]).mean())) for k in (0, 1))
     return camera, projector
 
 

@@ -200,6 +200,22 @@ def solve(state: BoardState, data: BoardData, expected: Expected, *, equal: bool
     return Solution(state, inverse_of(now.matrix, expected.free), rest, used, s, dof, now)
 
 
+def balanced(state: BoardState, data: BoardData, expected: Expected) -> tuple[BoardState, BoardData]:
+    """Find how the scatter of the projector's two axes compares, and put it into the points' u.
+
+    A raster with pixels twice as wide as high has rows that scatter by twice as many of them. The u of both axes change
+    by the root of the ratio, one up and one down; how large they are is left to `solve`.
+    """
+    stated, seen = 1 / np.hstack([data.camera_u, data.projector_u]), np.hstack([data.in_camera, data.in_projector])
+    state, scaled, s = _without_pull(state, _Known(data, expected, stated, seen, equal=False))
+    sizes = scaled / of_points(s, data)
+    u, v = (robust_sd(sizes[:, k][seen[:, k]], about=0) for k in (2, 3))
+    if not (u > 0 and v > 0):
+        return state, data
+    root = math.sqrt(float(np.clip(v / u, 1 / _MOST_UNLIKE, _MOST_UNLIKE)))
+    return state, replace(data, projector_u=data.projector_u * [1 / root, root])
+
+
 @dataclass(frozen=True)
 class _Known:
     """The points, what is expected, one over each stated u (n, 4), which coordinates are seen, and how they count."""

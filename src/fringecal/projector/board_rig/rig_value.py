@@ -46,7 +46,8 @@ class BoardRig:
         Root mean square length of the residuals in either picture; of a projector with one axis that of the
         coordinate.
     camera_s_px, projector_s_px
-        Standard deviation of one coordinate, from the residuals by their degrees of freedom.
+        Standard deviation of one coordinate, from the residuals by their degrees of freedom: median of the poses,
+        geometric mean of both axes.
     axes
         Which of the projector's coordinates the data hold: ("u", "v"), ("u",) or ("v",).
     undetermined
