@@ -306,5 +306,6 @@ def _typical(pose: PoseFit, given: BoardPose, k: int) -> float:
     rest, seen = (
         (pose.camera_residual_px, given.camera_px) if k == 0 else (pose.projector_residual_px, given.projector_px)
     )
-    known = rest[np.isfinite(seen)]
-    return float(MAD_TO_SD * np.median(np.abs(known))) if known.size else 0.0
+    # Each axis by itself: a board that moved between the two is off along one of them.
+    known = [column[np.isfinite(there)] for column, there in zip(rest.T, seen.T, strict=True)]
+    return max((float(MAD_TO_SD * np.median(np.abs(column))) for column in known if column.size), default=0.0)
