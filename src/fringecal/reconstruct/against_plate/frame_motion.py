@@ -18,7 +18,7 @@ _STEEP_LEVELS = 25.0  # per pixel: at steeper edges a displacement of a pixel is
 _KEPT_SIGMAS = 5.0
 _ROUNDS = 3
 _RANK = 1e-9  # of the normal matrix: all frames moved together are no motion of one against another
-_LEAST_PIXELS = 2000
+_LEAST_PIXELS, _MOST_PIXELS = 2000, 20_000  # of which displacements are known to 0.002 to 0.02 px
 
 
 @dataclass(frozen=True)
@@ -85,11 +85,20 @@ def frame_motion(
     use = np.isfinite(phase_map.phase[place]) & (np.abs(slopes) < _STEEP_LEVELS).all(axis=0)
     if np.count_nonzero(use) < _LEAST_PIXELS:
         return None
+    use = _thinned(use)
     light = phase_map.background[place][use].astype(float), phase_map.modulation[place][use].astype(float)
     waves = _waves(phase_map.phase[place][use].astype(float), weights)
     left = kept_out.T @ np.stack([frame[place][use] for frame in frames]).astype(float)
     design = _design(kept_out, slopes[:, use].astype(float), light, waves)
     return _furthest(design, left.ravel(), len(frames))
+
+
+def _thinned(use: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Leave so many pixels, evenly over the sample."""
+    some = np.flatnonzero(use)
+    few = np.zeros_like(use)
+    few.flat[some[:: max(1, -(-some.size // _MOST_PIXELS))]] = True
+    return few
 
 
 def _left_out(weights: Array) -> Array:
