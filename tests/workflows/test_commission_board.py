@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import jsonschema
 import numpy as np
 import pytest
 import typer
@@ -11,8 +12,9 @@ from typer.testing import CliRunner
 
 from fringecal.cli import commission as verb
 from fringecal.cli import reconstruct as reconstruct_verb
-from fringecal.errors import SessionError
-from fringecal.records import read_board_calibration, write_board_calibration
+from fringecal.errors import RecordError, SessionError
+from fringecal.records import read_board_calibration, read_calibration, read_record, write_board_calibration
+from fringecal.records.schemas import published_schema
 from fringecal.session import load_session, write_session
 from fringecal.simulate import flat_pose, load_raster_rig, raster_truth, simulate_raster_session
 from fringecal.workflows.commission import (
@@ -96,6 +98,10 @@ def test_the_record_gives_the_rig_back(found, tmp_path) -> None:
     points = found.fit.rig.volume_mm
     assert np.abs(back.project(points) - found.fit.rig.project(points)).max() < 1e-9
     assert np.array_equal(back.covariance, (found.fit.rig.covariance + found.fit.rig.covariance.T) / 2)
+    for reader in (read_calibration, read_record):
+        with pytest.raises(RecordError, match="a calibration by a board in poses, which `fringecal reconstruct` uses"):
+            reader(tmp_path / "calibration.json")
+    jsonschema.validate(json.loads((tmp_path / "calibration.json").read_text()), published_schema("board-calibration"))
     assert read.baseline_mm.value == pytest.approx(found.fit.rig.baseline_mm)
 
 

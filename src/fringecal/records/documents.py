@@ -14,6 +14,12 @@ from fringecal.guarded import MOST_JSON, Refusal, bytes_of, is_folder, json_of, 
 from fringecal.records.files import write_text
 from fringecal.records.parts import Digested
 
+# What is asked for in vain most often, since it stands in files of the same name.
+_OTHERS = {
+    "fringecal-board-calibration/1": "a calibration by a board in poses, which `fringecal reconstruct` uses and this "
+    "does not yet"
+}
+_ANOTHER = "another kind of file"
 _SHOWN_FAULTS = 8  # of a document; one slip often makes many, and the first few show it
 
 
@@ -159,7 +165,8 @@ def _demand_format(where: str, found: object, needed: str) -> None:
     name, version = needed.split("/")
     match = re.fullmatch(rf"{re.escape(name)}/([0-9]{{1,9}})", found) if isinstance(found, str) else None
     if match is None:
-        raise RecordError(f"{where}: format is {quoted(found)}, needed {needed!r}; this is another kind of file")
+        kind = _OTHERS.get(found, _ANOTHER) if isinstance(found, str) else _ANOTHER
+        raise RecordError(f"{where}: format is {quoted(found)}, needed {needed!r}; this is {kind}")
     if int(match[1]) > int(version):
         raise RecordError(f"{where}: format {found!r} is newer than {needed!r}, the newest read here; update fringecal")
     if match[0] != needed:

@@ -6,6 +6,7 @@ from pathlib import Path
 from fringecal.errors import RecordError
 from fringecal.guarded import Refusal, is_file, is_folder, json_of, text_of
 from fringecal.records.audit_record import AUDIT_FILE, AUDIT_FORMAT, AuditRecord
+from fringecal.records.board_calibration import BOARD_CALIBRATION_FORMAT
 from fringecal.records.calibration_record import CALIBRATION_FILE, CALIBRATION_FORMAT, CalibrationRecord
 from fringecal.records.documents import document_of_bytes, record_bytes
 from fringecal.records.verification_record import VERIFICATION_FILE, VERIFICATION_FORMAT, VerificationRecord
@@ -58,6 +59,10 @@ def kind_of(stated: object, name: str) -> Kind:
     form = str(stated).partition("/")[0]
     found = next((kind for kind in KINDS if kind.format.partition("/")[0] == form), None)
     if found is None:
+        if stated == BOARD_CALIBRATION_FORMAT:
+            raise RecordError(
+                f"{name}: a calibration by a board in poses, which `fringecal reconstruct` uses and this does not yet"
+            )
         known = ", ".join(kind.format for kind in KINDS)
         raise RecordError(f"{name}: no record of a rig; needed one of {known}, undamaged")
     return found

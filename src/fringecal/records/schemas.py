@@ -8,6 +8,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from fringecal.records.audit_record import AuditRecord
+from fringecal.records.board_calibration import BoardCalibrationRecord
 from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.records.files import write_text
 from fringecal.records.foreign.stated_record import PairDocument
@@ -16,6 +17,7 @@ from fringecal.records.verification_record import VerificationRecord
 
 SCHEMAS: dict[str, type[BaseModel]] = {
     "audit": AuditRecord,
+    "board-calibration": BoardCalibrationRecord,
     "calibration": CalibrationRecord,
     "lens": LensDocument,
     "pair": PairDocument,
