@@ -308,6 +308,7 @@ class Bench:
         self.rigs = [file.read_bytes() for file in sorted(RIGS.glob("*.toml"))]
         self.solve = solved_model()
         self.pairs = stated_pairs()
+        (folder / "stereo.yml").write_bytes(self.pairs["stereo.yml"])
         self._restore()
         self.kinds: dict[str, Callable[[random.Random], None]] = {
             "session": self._session,
@@ -508,7 +509,8 @@ def senseless(folder: Path, rng: random.Random) -> list[str]:
     """Draw a command line: a real verb, real options, values that make no sense for them."""
     verb, options, places = rng.choice(VERBS)
     values = ["", "nan", "-1", "inf", "1e999", "9" * 400, "x" * 300, "a\0b", "\udcff", "\x1b[2J", ".", "/", "/dev/null"]
-    values += [str(folder / name) for name in ("nowhere", "session", "t.toml", "calibration.json", "session/grid.png")]
+    files = ("nowhere", "session", "t.toml", "calibration.json", "session/grid.png", "stereo.yml")
+    values += [str(folder / name) for name in files]
     values += [f"{folder}/{'d' * 300}", f"{folder}/session/session.toml/x", "/proc/self/mem", "/nowhere/\udce4"]
     line = [*verb.split(), *(rng.choice(values) for _ in range(rng.choice((places, places, rng.randint(0, 3)))))]
     for option in rng.sample(options, rng.randint(0, min(3, len(options)))):
@@ -523,11 +525,13 @@ VERBS: tuple[tuple[str, list[str], int], ...] = (
     ("grid", ["--target", "--pattern", "--centre", "--out", "--channel", "--polarity", "--json"], 1),
     ("phase", ["--steps-deg", "--periods", "--out", "--bits", "--channel", "--capture"], 1),
     ("lens", ["--target", "--out", "--channel", "--solver", "--model"], 1),
+    ("lens", ["--camera-size", "--projector-size", "--unit", "--pixel-aspect", "--pairs", "--out", "--json"], 2),
+    ("patterns", ["--projector", "--out", "--bits", "--axis", "--period", "--gray", "--response", "--noise-rad"], 0),
     ("angle", ["--out", "--limits"], 1),
     ("commission", ["--out", "--limits", "--db", "--calibration"], 1),
     ("verify", ["--calibration", "--out", "--limits", "--db"], 2),
     ("audit", ["--calibration", "--out", "--limits", "--db"], 1),
-    ("reconstruct", ["--calibration", "--out", "--limits", "--lowest-mm", "--highest-mm"], 2),
+    ("reconstruct", ["--calibration", "--out", "--limits", "--lowest-mm", "--highest-mm", "--also"], 2),
     ("rerun", ["--session", "--calibration", "--json"], 1),
     ("certificate", ["--lab", "--out", "--verification"], 1),
     ("history add", ["--db"], 1),

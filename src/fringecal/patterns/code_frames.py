@@ -61,4 +61,4 @@ def gray_frames(raster: Raster, axis: Axis, period_px: float, *, complementary: 
     code = numbers ^ (numbers >> 1)
     lit = [(code >> bit) & 1 for bit in range(bits - 1, -1, -1)]
     lit += [1 - each for each in lit] if complementary else []
-    return tuple(raster.frame(raster.spread(raster.white * each, axis)) for each in lit)
+    return tuple(raster.spread(raster.frame(raster.white * each), axis) for each in lit)

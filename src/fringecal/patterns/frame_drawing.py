@@ -99,9 +99,9 @@ def fringe_frame(
     x = np.arange(raster.extent_px(axis))
     light = (1 + contrast * np.cos(2 * np.pi * x / period_px + shift_rad)) / 2
     wanted = light if raster.response is None else raster.response.wanted(light)
-    exact = raster.spread(wanted * raster.white, axis)
     if not dithered:
-        return raster.frame(np.rint(exact))
+        return raster.spread(raster.frame(np.rint(wanted * raster.white)), axis)
+    exact = raster.spread(wanted * raster.white, axis)
     across = np.arange(raster.height_px if axis == "u" else raster.width_px)
     threshold = (_GOLDEN * across + 0.5) % 1.0
     line = threshold[:, None] if axis == "u" else threshold[None, :]
@@ -111,7 +111,8 @@ def fringe_frame(
 def flat_frame(raster: Raster, light: float) -> Frame:
     """Draw a frame of one light, 0 (black) to 1 (white), with the response undone."""
     grey = light if raster.response is None else float(raster.response.wanted(light))
-    return raster.frame(np.full((raster.height_px, raster.width_px), round(grey * raster.white)))
+    value = raster.frame(np.array(round(grey * raster.white)))
+    return np.full((raster.height_px, raster.width_px), value, dtype=value.dtype)
 
 
 def demand_contrast(contrast: float) -> None:
