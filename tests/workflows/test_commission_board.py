@@ -26,7 +26,7 @@ from fringecal.workflows.commission import (
 )
 from fringecal.workflows.commission.by_board.board_run import demand_poses, solved_poses
 from fringecal.workflows.reconstruct import measure_volume
-from fringecal.workflows.shared import board_rig_of
+from fringecal.workflows.shared import board_rig_of, raster_of_capture
 
 POSES = ["pose-01", "pose-02", "pose-05", "pose-06", "pose-11", "pose-13"]
 SURFACES = ["plate", "block"]
@@ -88,6 +88,14 @@ def test_checks_pass_and_what_is_not_determined_is_said(found) -> None:
     assert checks["poses used"].value == 100
     # Normals of pose-05 and pose-13, turned by -28 and -32 deg, against pose-11, by -30 about the other direction.
     assert 25 < checks["largest angle between boards"].value < 90
+
+
+def test_edges_of_squares_pass_for_no_phase_shifts_that_change_over_the_field(found) -> None:
+    for capture in found.captures[:2]:
+        for axis in "uv":
+            adapted = raster_of_capture(capture, axis).adapted
+            assert adapted is not None
+            assert not adapted.change_rad_px.any()
 
 
 def test_the_record_gives_the_rig_back(found, tmp_path) -> None:

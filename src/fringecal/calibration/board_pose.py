@@ -38,6 +38,9 @@ class PoseRules:
     least_pixels, least_quadrants
         From so many pixels, in so many of the four quadrants about it: else the coordinate would be continued to the
         corner, not read there.
+    most_leverage
+        Largest variance of the value at the corner over that of a mean of the same pixels: light squares on both sides
+        make 3 to 6, one side alone 20 and more.
     most_u_px
         Largest u of a coordinate that takes part, px of the projector.
     least_corners
@@ -48,6 +51,7 @@ class PoseRules:
     darker: float = 3.0
     least_pixels: int = 24
     least_quadrants: int = 2
+    most_leverage: float = 12.0
     most_u_px: float = 0.5
     least_corners: int = 12
 
@@ -127,6 +131,8 @@ def posed_board(
     columns, rows = np.meshgrid(np.arange(corners.shape[1]), np.arange(corners.shape[0]))
     board = np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 3).astype(np.float64) * view.spacing_mm
     lit = np.isfinite(place).any(axis=-1)
+    # Where the projector does not light all about a corner, the picture's own corner is drawn to the edge of its light.
+    corners = np.where(lit[..., None], corners, np.nan)
     found = PosedBoard(
         name,
         BoardPose(board, corners.reshape(-1, 2), place.reshape(-1, 2), name=name),
@@ -181,14 +187,27 @@ def _at_corner(px: Array, u_px: Array, corner: Array, half: float, rules: PoseRu
     x, y = (columns + low[0] - corner[0]) / half, (rows + low[1] - corner[1]) / half
     if x.size < rules.least_pixels or len(set(zip(x > 0, y > 0, strict=True))) < rules.least_quadrants:
         return math.nan, math.nan
+    if _leverage(np.stack([x, y])) > rules.most_leverage:
+        return math.nan, math.nan
     found, own = _robust_value(np.stack([x, y]), value[use], u[use])
     return (found, own) if own < rules.most_u_px else (math.nan, math.nan)
 
 
+def _terms(at: Array) -> Array:
+    """Terms of a surface of second order at places (2, n)."""
+    x, y = at
+    return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+
+
+def _leverage(at: Array) -> float:
+    """Return the variance of a surface's value at 0 over that of the mean of its points."""
+    terms = _terms(at)
+    return float(len(terms) * np.linalg.pinv(terms.T @ terms)[0, 0])
+
+
 def _robust_value(at: Array, value: Array, u: Array) -> tuple[float, float]:
     """Return the value at 0 of a surface of second order through values at places (2, n), and its u."""
-    x, y = at
-    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) / u[:, None]
+    terms = _terms(at) / u[:, None]
     scaled = value / u
     weight, scale = np.ones(value.size), 1.0
     for _ in range(_ROUNDS):

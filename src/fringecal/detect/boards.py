@@ -125,7 +125,9 @@ def _charuco_corners(grey: Grey, board: cv2.aruco.CharucoBoard) -> tuple[FloatAr
 _REFINED_SHARE = 0.3  # of the distance of corners, that half a window reaches: its own squares, and no marker's edge
 _LEAST_HALF_PX = 2  # of a window: fewer pixels tell less than the search did
 _MOST_HALF_PX = 12  # of a window: a saddle's edges within it are straight, whatever the lens
-_MOVES_PX = 1.0  # that a corner may go: more, and it was drawn to another edge
+# That a corner may go: more, and it was drawn to another edge. Beside the edge of a lamp's light the search by sectors
+# is off by a tenth of a square.
+_MOVES_PX, _MOVES_SHARE = 1.0, 0.12
 
 
 def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> FloatArray:
@@ -142,7 +144,7 @@ def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> Floa
     -----
     At the corner q the gradients g of all pixels p about it are perpendicular to p - q (Foerstner and Guelch 1987), as
     OpenCV's `cornerSubPix` solves it. The search by sectors is off by 0.1 px where light falls off over the board, this
-    by 0.02 px. A corner that would go by more than a pixel stays.
+    by 0.02 px. A corner that would go by more than a pixel, and an eighth of a square, stays.
     """
     flat = corners.reshape(-1, 2)
     seen = np.isfinite(flat).all(axis=1)
@@ -155,7 +157,7 @@ def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> Floa
     stop = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
     start = np.ascontiguousarray(flat[seen, None].astype(np.float32))
     moved = cv2.cornerSubPix(np.asarray(image, np.float32), start, (half, half), (-1, -1), stop).reshape(-1, 2)
-    near = np.linalg.norm(moved - flat[seen], axis=1) < _MOVES_PX
+    near = np.linalg.norm(moved - flat[seen], axis=1) < max(_MOVES_PX, _MOVES_SHARE * least)
     found[np.flatnonzero(seen)[near]] = moved[near]
     return found.reshape(corners.shape)
 

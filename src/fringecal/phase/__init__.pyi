@@ -1,4 +1,7 @@
 from .demodulation.adapted import (
+    ADAPTATION_RULES as ADAPTATION_RULES,
+)
+from .demodulation.adapted import (
     Adapted as Adapted,
 )
 from .demodulation.adapted import (

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError, SessionError
 from fringecal.phase import (
+    ADAPTATION_RULES,
     Adapted,
     FringeOrders,
     PhaseMap,
@@ -19,6 +20,10 @@ from fringecal.phase import (
     orders_by_gray,
 )
 from fringecal.session import Capture
+
+# Pixels move by whole phase shifts all over a raster, where a mirror that turns does not; edges of a board's squares
+# would pass for shifts that change over the field.
+_RASTER_RULES = replace(ADAPTATION_RULES, change_rad=math.inf)
 
 BORDER_PX = 3  # what blurs or filters a picture lacks neighbours there, and a fringe's phase is pulled aside
 
@@ -112,7 +117,8 @@ def shortest_period(capture: Capture) -> int:
 def adapted_set(capture: Capture, period: int, wave: Waveform | None) -> Adapted:
     """Demodulate one of a capture's sets."""
     frames = frames_of(capture, period=period)
-    return demodulate_adapted(frames, capture.phase_shifts_rad, white_level=capture.white_level, wave=wave)
+    rules = _RASTER_RULES if capture.axes else ADAPTATION_RULES
+    return demodulate_adapted(frames, capture.phase_shifts_rad, white_level=capture.white_level, wave=wave, rules=rules)
 
 
 def _orders(capture: Capture, main: Adapted) -> FringeOrders | None:
