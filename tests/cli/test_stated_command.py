@@ -1,6 +1,7 @@
 """`fringecal lens` on calibrations of other programs: the verdict, exit codes, files, and refusals."""
 
 import json
+from pathlib import Path
 
 import jsonschema
 import numpy as np
@@ -12,6 +13,7 @@ from fringecal.projector import StatedPair
 from fringecal.records import read_pair, write_pair
 from fringecal.records.schemas import published_schema
 
+DATA = Path(__file__).parents[1] / "data"
 KNOWN = np.diag(np.array([1.0, 1, 1, 1, 1e-3, 1e-3, 1e-4, 1e-4, 1e-3]) ** 2)
 CAMERA = Lens(np.array([1754.1, 1752.9, 645.4, 529.5, -0.07, -0.04, 2e-4, 5e-4, 0.01]), KNOWN, 1280, 1024)
 PROJECTOR = Lens(np.array([2496.6, 2495.8, 990.3, 1047.0, 0.04, -0.02, 1e-4, 2e-4, 0.0]), KNOWN, 1920, 1080)
@@ -132,6 +134,26 @@ def test_places_judge_a_pair_and_make_one(run, written, tmp_path):
     sigma = np.sqrt(np.diag(found["camera"]["covariance"]))
     error = np.array(found["camera"]["parameters"]) - CAMERA.values
     assert np.abs(error[:4] / sigma[:4]).max() < 4
+
+
+def test_a_real_rig_is_solved_as_opencv_solves_it_and_judged_by_its_own_places(run, tmp_path):
+    """DP-TPU's nine poses: OpenCV gives 138.6 mm and focal lengths of 1735.8 and 3470.0 px (tests/data, README)."""
+    places = DATA / "dp_tpu_ball" / "real.npz"
+    sizes = ("--camera-size", "640x480", "--projector-size", "912x1140", "--pixel-aspect", "0.5")
+    made = run("lens", places, *sizes, "--json", "--out", tmp_path / "rig")
+    assert made.code == 0, made.stderr
+    projector = made.document["projector"]
+    assert np.linalg.norm(made.document["shift_mm"]) == pytest.approx(138.6, abs=0.3)
+    u = np.sqrt(np.diag(projector["covariance"]))[:2]
+    assert (np.abs(np.array(projector["parameters"][:2]) - [1735.8, 3470.0]) < 3 * u).all()
+    judged = run("lens", tmp_path / "rig" / "stereo.yml", "--pairs", places, "--json")
+    assert judged.code == 0, judged.stderr
+    found = judged.document["pairs"]
+    assert found["points"] == 9 * 35
+    # One degree of freedom of four is left of the 0.21 px that both pictures leave.
+    assert found["camera_rms_px"] < 0.21
+    assert found["projector_rms_px"] < 0.21
+    assert found["scale"] == pytest.approx(1.0, abs=1e-3)
 
 
 @pytest.mark.parametrize(
