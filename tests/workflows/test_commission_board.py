@@ -24,7 +24,7 @@ from fringecal.workflows.commission import (
     commission_boards,
     is_board_session,
 )
-from fringecal.workflows.commission.by_board.board_run import demand_poses, solved_poses
+from fringecal.workflows.commission.by_board.board_run import demand_poses, plate_waves, solved_poses
 from fringecal.workflows.reconstruct import measure_volume
 from fringecal.workflows.shared import board_rig_of, raster_of_capture
 
@@ -96,6 +96,13 @@ def test_edges_of_squares_pass_for_no_phase_shifts_that_change_over_the_field(fo
             adapted = raster_of_capture(capture, axis).adapted
             assert adapted is not None
             assert not adapted.change_rad_px.any()
+
+
+def test_the_bare_plate_gives_the_waveform(folder) -> None:
+    waves = plate_waves(load_session(folder))
+    assert set(waves) == {"u", "v"}
+    # The virtual projector's response is linear, and so is the camera's.
+    assert all(abs(wave.gamma - 1) < 0.05 for wave in waves.values())
 
 
 def test_the_record_gives_the_rig_back(found, tmp_path) -> None:

@@ -1,6 +1,6 @@
 """Commission a rig by a board in poses: camera and projector from the fringes on it, then what their trust rests on."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -134,7 +134,7 @@ def commission_boards(session: Session, *, progress: Progress = lambda _: None) 
     """
     captures = tuple(capture for capture in session.find("board") if capture.counted_axes)
     _demand_one_board(captures)
-    found, rasters = _measured(captures, progress)
+    found, rasters = _measured(captures, plate_waves(session), progress)
     found = _turned(found, rasters)
     demand_poses(found)
     progress("solving for camera, projector and poses")
@@ -156,8 +156,21 @@ def _demand_one_board(captures: Sequence[Capture]) -> None:
         raise SessionError(["captures of kind 'board' name different targets; a rig is calibrated by one board"])
 
 
+def plate_waves(session: Session) -> dict[str, Waveform]:
+    """Return the waveform of the fringes along each axis as a bare plate shows it; none where none was captured.
+
+    The squares of a board hide it, and with three phase shifts a gamma that is not corrected moves every coordinate.
+    """
+    plates = [capture for capture in session.find("reference") if capture.axes]
+    if not plates:
+        return {}
+    found = {axis.name: raster_of_capture(plates[0], axis.name).adapted for axis in plates[0].axes}
+    waves = {name: None if adapted is None else adapted.found_wave for name, adapted in found.items()}
+    return {name: wave for name, wave in waves.items() if wave is not None}
+
+
 def _measured(
-    captures: Sequence[Capture], progress: Progress
+    captures: Sequence[Capture], waves: Mapping[str, Waveform], progress: Progress
 ) -> tuple[tuple[PosedBoard, ...], dict[str, RasterCoordinate]]:
     """Read the projector's coordinates at the corners of each pose; the first capture's phase zeros hold for all."""
     found: list[PosedBoard] = []
@@ -165,7 +178,7 @@ def _measured(
     for capture in captures:
         progress(f"phase and corners of {capture.name}")
         try:
-            axes = [_axis(capture, name, like.get(name)) for name in capture.counted_axes]
+            axes = [_axis(capture, name, like.get(name), waves.get(name)) for name in capture.counted_axes]
         except PhaseError as error:
             found.append(PosedBoard(capture.name, None, str(error)))
             continue
@@ -177,10 +190,10 @@ def _measured(
     return tuple(found), {name: axis.raster for name, axis in like.items()}
 
 
-def _axis(capture: Capture, name: str, like: AxisPhase | None) -> AxisPhase:
-    """Count along one axis as the first capture does: its zeros, its direction, and its waveform."""
-    raster, wave = (None, None) if like is None else (like.raster, _wave(like))
-    found = raster_of_capture(capture, name, like=raster, wave=wave)
+def _axis(capture: Capture, name: str, like: AxisPhase | None, wave: Waveform | None) -> AxisPhase:
+    """Count along one axis as the first capture does: its zeros, its direction; with the plate's waveform, or its."""
+    raster, own = (None, None) if like is None else (like.raster, _wave(like))
+    found = raster_of_capture(capture, name, like=raster, wave=own if wave is None else wave)
     return found if like is None or found.raster.falls == like.raster.falls else _mirrored(found)
 
 
