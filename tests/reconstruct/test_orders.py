@@ -17,6 +17,7 @@ from fringecal.reconstruct.orders.contacts import orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
 from fringecal.reconstruct.orders.faint_edges import faint_edges
 from fringecal.reconstruct.orders.mixed_pixels import beside_breaks
+from fringecal.reconstruct.orders.outlined_parts import outlined_parts
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
 from fringecal.reconstruct.orders.sinking import Depths
 from fringecal.simulate import render
@@ -106,6 +107,68 @@ def test_a_break_far_below_a_pixels_noise_is_found_and_none_on_a_smooth_surface(
     assert broken[20:100, 79:81].all()
     assert not broken[:, :60].any()
     assert not broken[:, 100:].any()
+
+
+def raised_disc(step_rad, darker=0.0):
+    """A noisy plane, one smooth region, with a disc of radius 30 px that lies whole fringes and `step_rad` higher."""
+    rng = np.random.default_rng(1)
+    v, u = np.mgrid[0:160, 0:160].astype(float)
+    disc = np.hypot(u - 80, v - 80) < 30
+    surface = 0.01 * u + step_rad * disc + 0.03 * rng.standard_normal(u.shape)
+    background = 100.0 * (1 - darker * disc) * (1 + 0.01 * rng.standard_normal(u.shape))
+    ones = np.ones(u.shape, np.int32)
+    return Regions(surface, ones, ones), background, np.hypot(u - 80, v - 80) < 15
+
+
+@pytest.mark.parametrize(("step_rad", "darker"), [(0.15, 0.0), (-0.15, 0.0), (0.0, 0.1)])
+def test_what_a_faint_outline_encloses_is_a_region_of_its_own(step_rad, darker):
+    """The outline shows in the mean of windows, of 0.37 u(phi), where a pixel's noise hides it."""
+    regions, background, middle = raised_disc(step_rad, darker)
+    found = outlined_parts(regions, background, 0.03)
+    assert found.number == 2
+    assert (found.labels[middle] == 2).all()
+    assert (found.labels[:20] == 1).all()
+
+
+def test_what_no_outline_encloses_stays_one_region():
+    """Not a disc alike in phase and light; not a roof; not a hill that is curved everywhere."""
+    regions, background, _ = raised_disc(0.0)
+    assert outlined_parts(regions, background, 0.03).number == 1
+    v, u = np.mgrid[0:160, 0:160].astype(float)
+    noise = 0.03 * np.random.default_rng(2).standard_normal(u.shape)
+    for surface in (0.03 * np.abs(u - 80), 3 * np.exp(-((u - 80) ** 2 + (v - 80) ** 2) / 2 / 25**2)):
+        assert outlined_parts(replace(regions, values=surface + noise), background, 0.03).number == 1
+
+
+def test_an_outline_is_found_at_any_resolution():
+    """A picture of more rows than the outline rules take is reduced first, and its parts enlarged again."""
+    rng = np.random.default_rng(3)
+    v, u = np.mgrid[0:1500, 0:1200].astype(float)
+    disc = np.hypot(u - 600, v - 700) < 200
+    surface = 0.12 * disc + 0.05 * rng.standard_normal(u.shape)
+    ones = np.ones(u.shape, np.int32)
+    found = outlined_parts(Regions(surface, ones, ones), np.full(u.shape, 90.0), 0.05)
+    assert found.number == 2
+    assert (found.labels[np.hypot(u - 600, v - 700) < 180] == 2).all()
+    assert (found.labels[np.hypot(u - 600, v - 700) > 225] == 1).all()
+
+
+@pytest.mark.parametrize(("step_rad", "borders"), [(0.0, 1), (0.13, 0)])
+def test_a_border_meets_on_average_or_not_at_all(step_rad, borders):
+    """A fiftieth of a fringe is four standard deviations of a pixel's noise here, and some thirty of a cell's mean."""
+    rng = np.random.default_rng(4)
+    labels = np.ones((96, 96), np.int32)
+    labels[:, 48:] = 2
+    values = step_rad * (labels == 2) + 0.03 * rng.standard_normal(labels.shape)
+    assert len(trusted_borders(values, labels)) == borders
+
+
+def test_a_fold_meets_however_steep_its_flanks():
+    labels = np.ones((96, 96), np.int32)
+    labels[:, 48:] = 2
+    u = np.arange(96) - 47.5
+    values = -0.3 * np.abs(u)[None, :] + 0.03 * np.random.default_rng(5).standard_normal(labels.shape)
+    assert trusted_borders(values, labels)[0, :3].tolist() == [1, 2, 0]
 
 
 def flat_regions(steps):

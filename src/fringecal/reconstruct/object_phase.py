@@ -148,6 +148,7 @@ def _by_evidence(
     found = decide_regions(
         regions,
         phase_map.modulation,
+        phase_map.background,
         epipolar_lines(calibration),
         _plate_phase(calibration),
         float(np.median(sigma)) if sigma.size else 0.0,

@@ -4,11 +4,13 @@ Two surfaces that touch, at a fold, meet in one phase, however steep they are. O
 anything, and by whole fringes only by chance, which no single picture can tell from touching.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from fringecal.numerics import TURN, over_bands
+from fringecal.numerics import TURN, over_bands, robust_sd
 
 Array = NDArray[np.float64]
 Seen = tuple[NDArray[np.float32], NDArray[np.int32]]
@@ -24,6 +26,12 @@ _LEAST_LEAD = 1.5  # how many times more pixel pairs lie in stretches that agree
 # What two continued sides may differ by, rad: at least; per change of slope along a side (curvature, noise); per
 # difference of slope between the sides, in px by which the border may lie beside the fold; at most, a fifth of a turn.
 _MEETING_RAD, _CURVED, _BESIDE_FOLD_PX, _MOST_RAD = 0.15, 4.0, 1.2, 1.2
+# A cell meets if its mean step does: over many pixel pairs noise averages out, so that whole fringes but for a
+# fiftieth are told from touching. At least what curvature of the third order leaves, rad; standard errors of the mean.
+_CELL_RAD, _CELL_SIGMAS = 0.03, 4.0
+# Standard deviations, in those of a pixel's phase, of the step of one pair and of the change of slope over it, both
+# averaged over five lines: from the weights of the pixels that are continued.
+_STEP_SD, _CHANGE_SD = 0.75, 0.77
 _BEHIND_PX = (2, 4, 6)  # from the border, of the three pixels that are continued: nearer ones are blurred over it
 _BESIDE_PX = 2  # to either side over which the continuation is averaged
 # A border beside which the modulation dips shows two phases mixed in one pixel: an edge, whatever order they meet in.
@@ -51,24 +59,30 @@ def _continued(values, labels, row, column, towards):  # type: ignore[no-untyped
         count += 1
     if count == 0:
         return np.nan, np.nan, np.nan
-    return (total + (_BEHIND_PX[0] + 0.5) * slope) / count, slope / count * towards, abs(curvature) / count
+    return (total + (_BEHIND_PX[0] + 0.5) * slope) / count, slope / count * towards, curvature / count
 
 
 @njit(cache=True)
 def _steps_over(values, labels, rows, columns):  # type: ignore[no-untyped-def]
-    """Step from one side to the other of borders between row and row + 1, and what it may differ from whole fringes."""
+    """Step over borders between row and row + 1, what it may differ from whole fringes, change of slope, of curvature.
+
+    Where a side is too narrow to be continued, the pair says which order is nearest, and does not count as meeting;
+    what changes over it is NaN.
+    """
     steps, tolerances = np.zeros(rows.size), np.zeros(rows.size)
+    bends, curves = np.full(rows.size, np.nan), np.full(rows.size, np.nan)
     for i in range(rows.size):
         above, slope_above, curvature_above = _continued(values, labels, rows[i], columns[i], 1)
         below, slope_below, curvature_below = _continued(values, labels, rows[i] + 1, columns[i], -1)
         if np.isfinite(above) and np.isfinite(below):
-            steps[i] = above - below
-            folded = _BESIDE_FOLD_PX * abs(slope_above - slope_below)
-            tolerances[i] = min(_MEETING_RAD + folded + _CURVED * (curvature_above + curvature_below), _MOST_RAD)
+            steps[i], bends[i] = above - below, slope_above - slope_below
+            # Alike curved on both sides, a surface is continued alike.
+            curves[i] = curvature_above - curvature_below
+            curved = abs(curvature_above) + abs(curvature_below)
+            tolerances[i] = min(_MEETING_RAD + _BESIDE_FOLD_PX * abs(bends[i]) + _CURVED * curved, _MOST_RAD)
         else:
-            # Too narrow to be continued: the pair says which order is nearest, and does not count as meeting.
             steps[i] = values[rows[i], columns[i]] - values[rows[i] + 1, columns[i]]
-    return steps, tolerances
+    return steps, tolerances, bends, curves
 
 
 @njit(cache=True)
@@ -130,22 +144,58 @@ def _write_places(first, last, labels, dv, du, ends, rows, columns):  # type: ig
                     at += 1
 
 
-def _pairs(values: Array, labels: NDArray[np.int32], seen: Seen | None) -> NDArray[np.int64]:
-    """List the pixel pairs over all borders: regions a < b, cell of the picture, order lacking, meeting or not."""
-    found = []
+class _Pairs(NamedTuple):
+    """Pixel pairs over all borders: regions a < b, cell of the picture, order lacking, whether they meet; and changes.
+
+    `left_rad` is what the order leaves of the step, `bend` and `curve` change over the border, NaN where unknown.
+    """
+
+    a: NDArray[np.int64]
+    b: NDArray[np.int64]
+    cell: NDArray[np.int64]
+    order: NDArray[np.int64]
+    meets: NDArray[np.int64]
+    left_rad: Array
+    bend: Array
+    curve: Array
+
+
+def _pairs(values: Array, labels: NDArray[np.int32], seen: Seen | None) -> _Pairs:
+    """List the pixel pairs over all borders."""
+    numbers, changes = [], []
     for along in (False, True):
         v, u = _places(labels, along)
         first, second = labels[v, u], labels[v + (not along), u + along]
         # The other axis is the first one of the transposed picture.
-        step, tolerance = _steps_over(values.T, labels.T, u, v) if along else _steps_over(values, labels, v, u)
-        jump = np.where(first > second, -1, 1) * step
+        over = _steps_over(values.T, labels.T, u, v) if along else _steps_over(values, labels, v, u)
+        sign = np.where(first > second, -1, 1)
+        jump, bend, curve = (sign * over[k] for k in (0, 2, 3))
         order = np.floor(jump / TURN + 0.5)
-        meets = np.abs(jump - TURN * order) < tolerance
+        meets = np.abs(jump - TURN * order) < over[1]
         if seen is not None:
             meets &= ~(_dips(seen[0].T, seen[1].T, u, v) if along else _dips(*seen, v, u))
         cells = (v // _CELL_PX) * (labels.shape[1] // _CELL_PX + 1) + u // _CELL_PX
-        found.append(np.column_stack([np.minimum(first, second), np.maximum(first, second), cells, order, meets]))
-    return np.concatenate(found).astype(np.int64)
+        numbers.append(np.stack([np.minimum(first, second), np.maximum(first, second), cells, order, meets]))
+        changes.append(np.stack([jump - TURN * order, bend, curve]))
+    return _Pairs(*np.concatenate(numbers, axis=1).astype(np.int64), *np.concatenate(changes, axis=1))
+
+
+def _on_average(pairs: _Pairs, vote: NDArray[np.int64], votes: int) -> NDArray[np.bool_]:
+    """Whether the mean step of each vote's pixel pairs is that of sides which meet; true where none could be continued.
+
+    What a fold or curvature may add is judged by their means, so that noise does not widen it.
+    """
+    known = np.isfinite(pairs.curve)
+    number = np.bincount(vote[known], minlength=votes)
+    left, bend, curve = (
+        np.abs(np.bincount(vote[known], change[known], votes)) / np.maximum(number, 1)
+        for change in (pairs.left_rad, pairs.bend, pairs.curve)
+    )
+    sigma = robust_sd(pairs.curve[known], about=0) / _CHANGE_SD if known.any() else 0.0
+    independent = np.maximum(number / (2 * _BESIDE_PX + 1), 1)
+    error = _STEP_SD * sigma / np.sqrt(independent)
+    close = left < _CELL_RAD + _CELL_SIGMAS * error + _BESIDE_FOLD_PX * bend + _CURVED * curve
+    return np.asarray(close | (number == 0))
 
 
 def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -162,17 +212,20 @@ def _numbers(*columns: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np
 def trusted_borders(values: Array, labels: NDArray[np.int32], seen: Seen | None = None) -> NDArray[np.int64]:
     """Judge every border cell by cell; rows of a, b, the order that b lacks, and how many pixel pairs agree, (n, 4).
 
-    The longest border comes first. A cell votes if nearly all of its pixel pairs agree on one order. Along a true edge
-    the sides differ by any amount, and where they happen to meet that is so over a short stretch only; along a fold
-    they meet throughout; where the modulation that was `seen` dips, they do not.
+    The longest border comes first. A cell votes if nearly all of its pixel pairs agree on one order, and if they meet,
+    one by one and on average. Along a true edge the sides differ by any amount, and where they happen to meet that is
+    so over a short stretch only; along a fold they meet throughout; where the modulation that was `seen` dips, they do
+    not.
     """
-    a, b, cell, order, meets = _pairs(values, labels, seen).T
+    pairs = _pairs(values, labels, seen)
+    a, b, cell, order, meets = pairs[:5]
     border_first, border = _numbers(a, b)
     cell_first, of_cell = _numbers(border, cell)
     vote_first, of_vote = _numbers(of_cell, order)
     number = np.bincount(of_vote, minlength=vote_first.size)
     meeting = np.bincount(of_vote, weights=meets, minlength=vote_first.size)
     agreed = (number >= _AGREEING * np.bincount(of_cell)[of_cell[vote_first]]) & (meeting >= _MEETING * number)
+    agreed &= _on_average(pairs, of_vote, vote_first.size)
     voting = vote_first[agreed]
     best_first, candidate = _numbers(border[voting], order[voting])
     agreeing = np.bincount(candidate, weights=number[agreed], minlength=best_first.size).astype(np.int64)

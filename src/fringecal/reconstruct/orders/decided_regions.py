@@ -5,7 +5,7 @@ epipolar lines (`fringecal.reconstruct.orders.region_orders`), and a border alon
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -31,6 +31,7 @@ from fringecal.reconstruct.orders.line_evidence import (
     mark_runs,
     passages,
 )
+from fringecal.reconstruct.orders.outlined_parts import outlined_parts
 from fringecal.reconstruct.orders.piece_orders import plate_votes
 from fringecal.reconstruct.orders.region_orders import (
     EVIDENCE_RULES,
@@ -152,13 +153,15 @@ class Evidence:
     """Regions without inner contradictions, the bounds between them, and up to which number regions were never split.
 
     A part of a region that was split looks smooth towards the rest of it and like plate where the rest does; neither
-    says anything, and only bounds decide it.
+    says anything, and only bounds decide it. Up to number `smooth` no outline sets a region apart from another either:
+    what one encloses may meet its neighbours, but does not count as plate by its phase.
     """
 
     regions: Regions
     bounds: Bounds
     whole: int
     plate: PlateVotes
+    smooth: int
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,7 @@ class DecidedRegions:
 def decide_regions(
     regions: Regions,
     light: NDArray[np.float32],
+    background: NDArray[np.floating],
     lines: EpipolarLines,
     plate_at: PlateAt,
     sigma_rad: float,
@@ -209,6 +213,8 @@ def decide_regions(
         Smooth regions of the step over the plate.
     light
         Modulation of the fringes, grey levels, (H, W).
+    background
+        Mean of the frames, grey levels, (H, W).
     lines
         Epipolar lines of the rig.
     plate_at
@@ -220,7 +226,9 @@ def decide_regions(
     rules
         When a region is plate.
     """
-    evidence = gathered(regions, light, lines, plate_at, NoiseLevels.of(sigma_rad, light, regions, rules), rules)
+    noise = NoiseLevels.of(sigma_rad, light, regions, rules)
+    parts = outlined_parts(regions, background, sigma_rad)
+    evidence = replace(gathered(parts, light, lines, plate_at, noise, rules), smooth=regions.number)
     borders = evidence.regions.borders(light)
     depths = Depths.of(evidence.regions, lines.rising, deepest_rad)
     book = OrderBook(evidence.regions.number, evidence.bounds)
@@ -286,13 +294,14 @@ def _start_at_plate(
         return
     book.carry()
     levels, counts, sizes = evidence.plate.levels, evidence.plate.counts, evidence.plate.sizes
-    whole = (np.arange(regions.number + 1) <= evidence.whole) | _at_rim(regions, rules)
-    whole &= True if without is None else ~without
-    plate = (counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)) & whole
+    numbers, free = np.arange(regions.number + 1), _at_rim(regions, rules)
+    allowed = np.ones(numbers.size, np.bool_) if without is None else ~without
+    whole, alone = ((numbers <= n) | free for n in (evidence.whole, evidence.smooth))
+    plate = (counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)) & alone & allowed
     for region in np.argsort(-counts, kind="stable").tolist():
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
-    usable = ((borders[:, :2] <= evidence.whole) & whole[borders[:, :2]]).all(axis=1)
+    usable = ((borders[:, :2] <= evidence.whole) & (whole & allowed)[borders[:, :2]]).all(axis=1)
     _by_contact(book, borders[usable], regions, depths, rising)
 
 
@@ -321,7 +330,7 @@ def gathered(
         wrong |= other
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
-            return Evidence(regions, bounds, unsplit, plate)
+            return Evidence(regions, bounds, unsplit, plate, unsplit)
         if turn == 0 and wrong.any():
             changed = np.unique(found[wrong, FIRST]).astype(np.int64)
             regions = _cut_at_faint_edges(regions, changed, noise, rules)
@@ -336,7 +345,7 @@ def gathered(
         own, out = cut & ~whole & inside, whole & inside
         regions = _split(regions, own, out, changed, np.unique(found[wrong, FIRST]).astype(np.int64))
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
-    return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules))
+    return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules), unsplit)
 
 
 def _walked(
