@@ -105,6 +105,13 @@ def test_the_bare_plate_gives_the_waveform(folder) -> None:
     assert all(abs(wave.gamma - 1) < 0.05 for wave in waves.values())
 
 
+def test_a_session_without_a_plate_says_what_it_lacks(found) -> None:
+    session = found.session
+    without = replace(session, captures={name: one for name, one in session.captures.items() if name != "plate"})
+    assert "no bare plate" not in " ".join(found.notes)
+    assert "no bare plate was captured" in " ".join(replace(found, session=without).notes)
+
+
 def test_the_record_gives_the_rig_back(found, tmp_path) -> None:
     record = board_calibration_record(found, command=("fringecal", "commission"))
     read = read_board_calibration(write_board_calibration(record, tmp_path))

@@ -81,6 +81,7 @@ class BoardCommissioning:
         axes = [f"axis {name}: {raster.sentence()}" for name, raster in self.rasters.items()]
         return (
             *axes,
+            *_no_plate(self.session),
             *_one_axis(self.fit.rig.axes),
             *_undetermined(self.fit.rig.undetermined),
             *aside,
@@ -95,6 +96,15 @@ class BoardCommissioning:
             f"one more pose, {one.text}: u of points in the volume would fall to {100 * one.ratio:.0f} % of what it is"
             for one in useful
         )
+
+
+def _no_plate(session: Session) -> tuple[str, ...]:
+    if any(capture.axes for capture in session.find("reference")) or all(one.maps for one in session.find("board")):
+        return ()
+    return (
+        "no bare plate was captured under the fringes: their waveform was looked for on the board, whose squares hide "
+        "it; with three phase shifts a gamma that is not corrected moves every coordinate",
+    )
 
 
 def _one_axis(axes: tuple[str, ...]) -> tuple[str, ...]:
