@@ -11,6 +11,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tomllib
 import urllib.request
 from collections.abc import Iterator
 from pathlib import Path
@@ -173,6 +174,8 @@ def test_commands_of_other_programs_name_what_is_there(page, command):
         assert script.is_file()
         known = options_of(script) if script.parent.name == "benchmarks" else set()
         assert options <= known
+    elif extra := re.fullmatch(r"pip install fringecal\[(\w+)\]", command):
+        assert extra[1] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     elif program == "pytest":
         options = {word for word in rest if word.startswith("--")}
         assert all((ROOT / word).exists() for word in rest if word not in options)
