@@ -140,6 +140,16 @@ def test_what_no_outline_encloses_stays_one_region():
         assert outlined_parts(replace(regions, values=surface + noise), background, 0.03).number == 1
 
 
+@pytest.mark.parametrize(("neck_px", "number"), [(6, 2), (30, 1)])
+def test_a_neck_ties_no_surfaces_and_a_broad_one_does(neck_px, number):
+    """Two squares of one phase with a gap between them that is bridged over some pixels."""
+    labels = np.ones((120, 160), np.int32)
+    labels[:, 76:84] = 0
+    labels[60 : 60 + neck_px, 76:84] = 1
+    values = 0.02 * np.random.default_rng(6).standard_normal(labels.shape)
+    assert outlined_parts(Regions(values, labels, labels), np.full(labels.shape, 90.0), 0.02).number == number
+
+
 def test_an_outline_is_found_at_any_resolution():
     """A picture of more rows than the outline rules take is reduced first, and its parts enlarged again."""
     rng = np.random.default_rng(3)

@@ -1,8 +1,9 @@
-"""Parts of one smooth region that a faint outline sets apart: a top whole fringes above the plate that it covers.
+"""Parts of one smooth region that a faint outline or a neck sets apart: tops whole fringes above what they cover.
 
 From pixel to pixel such a top looks like the plate. But windows beside each other average noise away: its outline
-shows as a break of the phase, of nearly whole fringes, or of the light. What an outline encloses becomes a region of
-its own, and hangs on the rest only by borders along which both sides meet.
+shows as a break of the phase, of nearly whole fringes, or of the light. And where the jump over an edge passes through
+whole fringes, two surfaces hang together by a neck. What an outline encloses, or a neck ties, becomes a region of its
+own, and hangs on the rest only by borders along which both sides meet.
 """
 
 from dataclasses import dataclass
@@ -34,8 +35,11 @@ class OutlineRules:
         The same of the phase at least, a hundredth of a fringe: less may be curvature of the third order.
     fold_px
         Break that a fold may show per change of slope, for it may lie so far beside the middle.
+    neck_px
+        Side of the square that a surface must hold where it goes on: over a narrower neck two surfaces hang together
+        where their jump passes through whole fringes.
     part_px
-        Least pixels of a part.
+        Least pixels of a part at which such a square fits.
     rows
         Rows of the picture to which a larger one is reduced by whole factors.
     """
@@ -47,7 +51,8 @@ class OutlineRules:
     light_sigmas: float = 8.0
     least_rad: float = 0.06
     fold_px: float = 3.0
-    part_px: int = 500
+    neck_px: int = 9
+    part_px: int = 250
     rows: int = 700
 
 
@@ -156,7 +161,9 @@ def _parts(
     labels: NDArray[np.int32], outline: Mask, number: int, rules: OutlineRules
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """Number what outlines leave of the regions; the largest part keeps its region's number. And which fell apart."""
-    open_ = ((labels > 0) & (outline == 0)).astype(np.uint8)
+    neck = np.ones((rules.neck_px, rules.neck_px), np.uint8)
+    free = ((labels > 0) & (outline == 0)).astype(np.uint8)
+    open_ = cv2.erode(free, neck, borderType=cv2.BORDER_CONSTANT, borderValue=(1.0,))
     count, parts, stats, _ = cv2.connectedComponentsWithStats(open_, connectivity=4)
     sizes = stats[:, cv2.CC_STAT_AREA]
     region = np.zeros(count, np.int64)
