@@ -28,11 +28,16 @@ class OutlineRules:
     ----------
     ahead_px, gap_px, beside_px
         Length of the windows on either side, their distance from the edge, which blur mixes, and half their breadth.
+    near_px, near_share
+        Length of shorter windows, and the share of a break that they must show: an edge is as high to them, and what a
+        surface curved in the third order shows grows with the windows.
     phase_sigmas, light_sigmas
         Break that counts, in its standard deviations: of the phase by its noise; of the light by how much it varies
         over the picture, texture and all.
     least_rad
         The same of the phase at least, a hundredth of a fringe: less may be curvature of the third order.
+    least_light
+        The same of the light at least, as a share of it.
     fold_px
         Break that a fold may show per change of slope, for it may lie so far beside the middle.
     neck_px
@@ -45,11 +50,14 @@ class OutlineRules:
     """
 
     ahead_px: int = 8
+    near_px: int = 4
+    near_share: float = 0.5
     gap_px: int = 2
     beside_px: int = 4
     phase_sigmas: float = 6.0
     light_sigmas: float = 8.0
     least_rad: float = 0.06
+    least_light: float = 0.02
     fold_px: float = 3.0
     neck_px: int = 9
     part_px: int = 250
@@ -122,9 +130,9 @@ def _fill_squares(first, last, cores, values, factor, labels, step):  # type: ig
                 labels[i, j], step[i, j] = label, total / factor**2
 
 
-def _windows(rules: OutlineRules) -> tuple[Image, Image]:
+def _windows(ahead_px: int, rules: OutlineRules) -> tuple[Image, Image]:
     """Weights along a row that continue straight lines from both sides to the middle and subtract; and their slopes."""
-    at = np.arange(1, rules.ahead_px + 1) + rules.gap_px
+    at = np.arange(1, ahead_px + 1) + rules.gap_px
     value, slope = np.linalg.pinv(np.column_stack([np.ones(at.size), at]))
     gap = np.zeros(2 * rules.gap_px + 1)
     # To the left, the slope away from the middle counts negative.
@@ -139,13 +147,17 @@ def _breaks(step: Image, light: Image, labels: NDArray[np.int32], sigma_rad: flo
     mean = np.full(2 * rules.beside_px + 1, 1 / (2 * rules.beside_px + 1), np.float32)
     single = labels.astype(np.float32)
     for along in (True, False):
-        value, slope = ((w, mean) if along else (mean, w) for w in _windows(rules))
+        weights = *_windows(rules.ahead_px, rules), _windows(rules.near_px, rules)[0]
+        value, slope, near = ((w, mean) if along else (mean, w) for w in weights)
         whole = _within_one(single, (value[0].size, value[1].size))
         noise = rules.phase_sigmas * sigma_rad * float(np.linalg.norm(value[0]) * np.linalg.norm(value[1]))
         folded = rules.fold_px * np.abs(cv2.sepFilter2D(step, -1, *slope))
-        broken = np.abs(cv2.sepFilter2D(step, -1, *value)) > folded + max(noise, rules.least_rad)
+        jump = np.abs(cv2.sepFilter2D(step, -1, *value))
+        broken = jump > folded + max(noise, rules.least_rad)
+        broken &= np.abs(cv2.sepFilter2D(step, -1, *near)) > rules.near_share * jump
         change = np.abs(cv2.sepFilter2D(light, -1, *value))
-        broken |= change > rules.light_sigmas * robust_sd(change[whole], about=0) if whole.any() else False
+        spread = robust_sd(change[whole], about=0) if whole.any() else 0.0
+        broken |= change > max(rules.light_sigmas * spread, rules.least_light)
         found |= (broken & whole).astype(np.uint8)
     return np.asarray(cv2.dilate(found, np.ones((2 * rules.beside_px + 3,) * 2, np.uint8)), np.uint8)
 
