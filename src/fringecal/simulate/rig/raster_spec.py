@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, FiniteFloat, ValidationError, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from fringecal.errors import FringecalError
-from fringecal.guarded import first_few, quoted, shortened
 from fringecal.simulate.rig.rig_spec import (
     Fraction,
     NoiseSpec,
@@ -17,6 +16,7 @@ from fringecal.simulate.rig.rig_spec import (
     Point,
     Positive,
     SurfaceSpec,
+    checked,
 )
 
 Five = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
@@ -160,11 +160,4 @@ class RasterRigSpec(Part):
 
 def raster_rig_from(document: Mapping[str, Any], where: str) -> RasterRigSpec:
     """Check a rig document and list all of its faults at once."""
-    try:
-        return RasterRigSpec.model_validate(document)
-    except ValidationError as error:
-        faults = [
-            f"{shortened('.'.join(map(str, e['loc'])))}: {shortened(e['msg'])} (found {quoted(e['input'])})"
-            for e in error.errors()
-        ]
-        raise FringecalError(f"{where} cannot be used:\n  " + "\n  ".join(first_few(faults))) from None
+    return checked(RasterRigSpec, document, where)

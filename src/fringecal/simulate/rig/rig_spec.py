@@ -236,8 +236,13 @@ class RigSpec(Part):
 
 def rig_from(document: Mapping[str, Any], where: str) -> RigSpec:
     """Check a rig document and list all of its faults at once."""
+    return checked(RigSpec, document, where)
+
+
+def checked[Spec: BaseModel](kind: type[Spec], document: Mapping[str, Any], where: str) -> Spec:
+    """Check a document against its kind of rig and list all of its faults at once."""
     try:
-        return RigSpec.model_validate(document)
+        return kind.model_validate(document)
     except ValidationError as error:
         faults = [
             f"{shortened('.'.join(map(str, e['loc'])))}: {shortened(e['msg'])} (found {quoted(e['input'])})"
