@@ -183,6 +183,17 @@ def drop_crumbs(pieces, number, least):  # type: ignore[no-untyped-def]
     return count
 
 
+@njit(nogil=True, cache=True)
+def start_of_growth(first, last, grown, cores, labels, without, values, phase):  # type: ignore[no-untyped-def]
+    """Write for some rows the values of the smooth pixels alone, and the wrapped phase where regions may grow."""
+    for v in range(first, last):
+        for u in range(cores.shape[1]):
+            value = grown[v, u]
+            values[v, u] = value if cores[v, u] > 0 else np.nan
+            free = labels[v, u] > 0 and not without[v, u]
+            phase[v, u] = value - TURN * np.rint(value / TURN) if free else np.nan
+
+
 @njit(inline="always")
 def _at_open_side(labels, phase, v, u):  # type: ignore[no-untyped-def]
     """Return whether a neighbour has phase and no label."""

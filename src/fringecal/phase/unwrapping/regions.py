@@ -12,10 +12,10 @@ import cv2
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from fringecal.numerics import wrap
+from fringecal.numerics import over_bands
 from fringecal.phase.unwrapping import joining
 from fringecal.phase.unwrapping.borders import join_regions, trusted_borders
-from fringecal.phase.unwrapping.flooding import add_orders, drop_crumbs, flood, smooth_pixels, torn
+from fringecal.phase.unwrapping.flooding import add_orders, drop_crumbs, flood, smooth_pixels, start_of_growth, torn
 from fringecal.phase.unwrapping.spatial import Unwrapped, unwrap
 
 _LEAST_PIXELS = 25  # of a region, one square of the opening that finds them; smaller ones go to their neighbours
@@ -48,9 +48,8 @@ class Regions:
 
     def with_cores(self, cores: NDArray[np.int32], without: NDArray[np.bool_]) -> "Regions":
         """Return the regions that grow from other smooth pixels, over all but some pixels, (H, W)."""
-        values = np.where(cores > 0, self.values, np.nan)
-        phase = np.where(without | (self.labels == 0), np.nan, wrap(self.values)).astype(np.float32)
-        labels = cores.copy()
+        values, phase, labels = np.empty_like(self.values), np.empty(cores.shape, np.float32), cores.copy()
+        over_bands(start_of_growth, len(cores), self.values, cores, self.labels, without, values, phase)
         drop_crumbs(labels, int(labels.max(initial=0)), _LEAST_PIXELS)
         kept = labels.copy()
         flood(values, labels, phase)

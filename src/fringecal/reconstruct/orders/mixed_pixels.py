@@ -87,33 +87,42 @@ def _vouched(cores, v, u, reach):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit
-def _folded(step, labels, v, u, reach, break_rad):  # type: ignore[no-untyped-def]
-    """Whether a pixel far from smooth ones lies on a finely folded surface: as steep as all around, and not broken."""
-    total, count, visited = 0.0, 0, 0
-    for y in range(max(v - reach, 0), min(v + reach + 1, step.shape[0]), 2):
-        for x in range(max(u - reach, 0), min(u + reach + 1, step.shape[1]), 2):
-            visited += 1
-            if labels[y, x] > 0:
-                total += min(_spread(step, labels, y, x), 2 * _STEEP_RAD)
-                count += 1
-    mean = total / max(count, 1)
-    return count > _WHOLE_SHARE * visited and mean < _STEEP_RAD and _spread(step, labels, v, u) < mean + break_rad
-
-
-@njit(inline="always")
-def _brightest(light, v, u, reach):  # type: ignore[no-untyped-def]
-    found = light[v, u]
-    for y in range(max(v - reach, 0), min(v + reach + 1, light.shape[0])):
-        for x in range(max(u - reach, 0), min(u + reach + 1, light.shape[1])):
-            found = max(found, light[y, x])
-    return found
+@njit(nogil=True, cache=True)
+def _write_spreads(first, last, step, labels, wanted, spreads):  # type: ignore[no-untyped-def]
+    """Write the spread of the pixels of some rows that are wanted and belong to a region; -1 elsewhere."""
+    for v in range(first, last):
+        for u in range(step.shape[1]):
+            spreads[v, u] = _spread(step, labels, v, u) if wanted[v, u] and labels[v, u] > 0 else -1.0
 
 
 @njit(nogil=True, cache=True)
-def _mark(first, last, step, cores, labels, light, rules, out):  # type: ignore[no-untyped-def]
-    """Mark the pixels of some rows at which an edge lies."""
-    break_rad, slopes, reach, dim_share, bright = rules
+def _tell_folded(first, last, spreads, reach, break_rad, edges):  # type: ignore[no-untyped-def]
+    """Mark the pixels of some rows, far from smooth ones, that are no part of a finely folded surface.
+
+    Such a surface is as steep as all around a pixel, and not broken there.
+    """
+    height, width = spreads.shape
+    for v in range(first, last):
+        for u in range(width):
+            if not edges[v, u] & _ALONE:
+                continue
+            total, count, visited = 0.0, 0, 0
+            for y in range(max(v - reach, 0), min(v + reach + 1, height), 2):
+                for x in range(max(u - reach, 0), min(u + reach + 1, width), 2):
+                    visited += 1
+                    if spreads[y, x] >= 0:
+                        total += min(spreads[y, x], 2 * _STEEP_RAD)
+                        count += 1
+            mean = total / max(count, 1)
+            goes_on = mean < _STEEP_RAD and spreads[v, u] < mean + break_rad
+            if not (goes_on and count > _WHOLE_SHARE * visited):
+                edges[v, u] ^= _ALONE | _BROKEN
+
+
+@njit(nogil=True, cache=True)
+def _mark(first, last, step, cores, labels, light, brightest, rules, out):  # type: ignore[no-untyped-def]
+    """Mark the pixels of some rows at which an edge lies, and those far from all smooth ones."""
+    break_rad, slopes, reach, dim_share = rules
     for v in range(first, last):
         for u in range(step.shape[1]):
             known = step[v, u] == step[v, u]
@@ -124,11 +133,21 @@ def _mark(first, last, step, cores, labels, light, rules, out):  # type: ignore[
                 continue
             spread = _spread(step, labels, v, u)
             if not _vouched(cores, v, u, reach):
-                out[v, u] = _ALONE if _folded(step, labels, v, u, slopes, break_rad) else _BROKEN
+                out[v, u] = _ALONE
             elif spread > break_rad and spread > break_rad + _smooth_spread(step, cores, labels, v, u, slopes):
                 out[v, u] = _BROKEN
-            if light[v, u] < dim_share * _brightest(light, v, u, bright):
+            if light[v, u] < dim_share * brightest[v, u]:
                 out[v, u] |= _DIM
+
+
+def _mark_broken_alone(edges: NDArray[np.uint8], step: Array, labels: NDArray[np.int32], rules: MixingRules) -> None:
+    """Mark as broken, in place, what lies far from smooth pixels and is no finely folded surface."""
+    alone = edges & _ALONE
+    if alone.any():
+        spreads = np.empty(step.shape, np.float32)
+        around = cv2.dilate(alone, np.ones((2 * rules.slopes_px + 1,) * 2, np.uint8))
+        over_bands(_write_spreads, len(step), step, labels, around, spreads)
+        over_bands(_tell_folded, len(step), spreads, rules.slopes_px, rules.break_rad, edges)
 
 
 def _torn_off(edges: NDArray[np.uint8], rules: MixingRules) -> NDArray[np.bool_]:
@@ -169,8 +188,10 @@ def beside_edges(
         What an edge is.
     """
     edges = np.zeros(step.shape, np.uint8)
-    values = (rules.break_rad, rules.slopes_px, rules.reach_px, rules.dim_share, rules.bright_px)
-    over_bands(_mark, len(step), step, regions.cores, regions.labels, light, values, edges)
+    values = (rules.break_rad, rules.slopes_px, rules.reach_px, rules.dim_share)
+    brightest = cv2.dilate(light, np.ones((2 * rules.bright_px + 1,) * 2, np.uint8))
+    over_bands(_mark, len(step), step, regions.cores, regions.labels, light, brightest, values, edges)
+    _mark_broken_alone(edges, step, regions.labels, rules)
     if not edges.any():
         return edges > 0
     edges[_torn_off(edges, rules)] |= _BROKEN
