@@ -1,15 +1,20 @@
 """Damaged files of every format, and senseless command lines: each is refused with one sentence that says where.
 
-    python benchmarks/fuzz_readers.py [cases] [first seed]
+    python benchmarks/fuzz_readers.py [cases] [first seed] [--tally FILE] [--seconds 300]
 
-Each case is drawn from its seed: a format (session, target, rig, limits, laboratory, record, camera model, its solve,
-calibrations of other programs, lists of places, table) whose good file is damaged in bytes, in numbers or in structure,
-or a command line of real verbs and options with values that make no sense. A case is wrong where the command ends in a
-traceback, with another exit code than 0, 1, 2 or 3, by a signal, after more than SLOWEST_S, or without naming the file.
-Blocks of cases run in processes of their own, so that a crash of the interpreter costs one block and is counted. It
-prints counts by kind and every wrong case with its seed.
+Each case is drawn from its seed: a format (session, picture, phase map, target, rig, limits, laboratory, record,
+camera model, its solve, calibrations of other programs, lists of places, tables as CSV and Parquet, a history's
+database) whose good file is damaged in bytes, in numbers or in structure, or a command line of real verbs and options
+with values that make no sense. A case is wrong where the command ends in a traceback, with another exit code than 0, 1,
+2 or 3, by a signal, after more than SLOWEST_S, with more than MOST_MIB of memory above what the process had, or without
+naming the file. Blocks of cases run in processes of their own; where one dies, the case that it died of is counted and
+the block goes on behind it. It prints counts by kind and every wrong case with its seed.
+
+With a tally, each block is noted in that file as soon as it is done, a line of JSON; the next call goes on where the
+last has stopped, after so many seconds or by a signal, and the tally of all that was ever run is printed.
 """
 
+import argparse
 import base64
 import contextlib
 import importlib
@@ -25,10 +30,12 @@ import tempfile
 import time
 import traceback
 import warnings
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -39,6 +46,9 @@ ARCHIVE = ROOT / "tests" / "records" / "archive" / "0.1.0"
 SLOWEST_S = 20  # of one case, on a machine that others use too: 4 MiB of TOML take 4 s
 LONGEST = 4000  # characters of a refusal: a session's faults, one a line
 BLOCK = 500  # cases in one process
+MOST_MIB = 1024  # above what the process had: a small file unpacks to 1100 times its size at most, and is then copied
+LONGEST_BLOCK_S = 1500  # after which a process hangs where no alarm of Python reaches it
+CLEAR_PEAK = b"5"  # proc(5), clear_refs: the peak of the resident set begins anew
 
 NUMBERS = ("0", "-1", "-0.0", "1e999", "-1e308", "nan", "inf", "1e-320", "9" * 30, "9" * 5000, str(2**63), "0x10", "01")
 TEXTS = (
@@ -188,6 +198,13 @@ LIMITS = "format = 1\nlevel = 0.9\n[commission]\nangle_u_deg = 0.4\n[audit]\nsca
 PLACES = "pose,camera_u_px,camera_v_px,projector_u_px,projector_v_px,x_mm,y_mm\n" + "".join(
     f"{k // 4},{10 * k},{20 * k},{30 * k},{40 * k},{5 * k},0\n" for k in range(12)
 )
+MAPS = """
+[[capture]]
+name = "surface"
+kind = "object"
+images = []
+maps = [{ file = "phase.ENDING", name = "phi", axis = "u", fringes = 12.0, absolute = true }]
+"""
 TABLE = "rig,captured,quantity,value,u,unit\nbench,2026-11-22T10:00:00Z,scale,0.7340,0.0004,mm/px\n" * 1 + "".join(
     f"bench,2026-11-{day}T10:00:00Z,scale,0.734{day},0.0004,mm/px\n" for day in range(10, 20)
 )
@@ -195,11 +212,13 @@ TABLE = "rig,captured,quantity,value,u,unit\nbench,2026-11-22T10:00:00Z,scale,0.
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one case came to: its kind, and what was wrong (empty if nothing)."""
+    """What one case came to: its kind, what was wrong (empty if nothing), its time and its memory."""
 
     kind: str
     wrong: str = ""
     refused: bool = False
+    seconds: float = 0.0
+    mib: float = 0.0
 
 
 class TooSlow(BaseException):
@@ -265,6 +284,73 @@ def _nested(text: bytes, rng: random.Random) -> bytes:
     return _replaced(text, rb"\d+(?:\.\d+)?", rng.choice(DEEP).encode(), rng)
 
 
+def _words(content: bytes, rng: random.Random) -> bytes:
+    """Write sizes that no file has over one to four bytes: lengths, sides and offsets of a format."""
+    place = rng.randrange(min(len(content), rng.choice((64, 512, 10**9))))
+    value = rng.choice((0, 1, 0x7F, 0x80, 0xFF, 0xFFFF, 0x7FFFFFFF, 0x80000000, 0xFFFFFFFF, rng.randrange(2**32)))
+    size = rng.choice((1, 2, 4))
+    word = (value & (256**size - 1)).to_bytes(size, rng.choice(("little", "big")))
+    return content[:place] + word + content[place + size :]
+
+
+def damaged_bytes(content: bytes, rng: random.Random) -> bytes:
+    """Damage a file that is no text; a PNG's checksums are made to fit again in half of the cases."""
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        content = rng.choice((_flipped, _cut, _filled, _words, _words, _words))(content, rng) or b"x"
+    return _summed(content) if content.startswith(b"\x89PNG") and rng.random() < 0.5 else content
+
+
+def _summed(png: bytes) -> bytes:
+    """Write the checksum of every chunk anew, as far as chunks can be followed."""
+    place, made = 8, png[:8]
+    while place + 12 <= len(png):
+        end = place + 8 + int.from_bytes(png[place : place + 4], "big")
+        made += png[place:end] + zlib.crc32(png[place + 4 : end]).to_bytes(4, "big")
+        place = end + 4
+    return made + png[place:]
+
+
+def pictures() -> dict[str, bytes]:
+    """Return a picture in every format that is read, grey and colour, 8 and 16 bit."""
+    grey = np.random.default_rng(0).integers(20, 200, (12, 16), np.uint8)
+    colour, deep = np.stack([grey, grey // 2, 255 - grey], axis=-1), grey.astype(np.uint16) * 200
+    made = {f"g{ending}": cv2.imencode(ending, grey)[1].tobytes() for ending in (".png", ".jpg", ".bmp", ".tif")}
+    made |= {f"c{ending}": cv2.imencode(ending, colour)[1].tobytes() for ending in (".png", ".jpg", ".bmp", ".tif")}
+    made |= {f"d{ending}": cv2.imencode(ending, deep)[1].tobytes() for ending in (".png", ".tif")}
+    progressive = cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_PROGRESSIVE, 1])[1].tobytes()
+    codes = {"none": 1, "lzw": 5, "deflate": 8, "packed": 32773}
+    tiffs = {
+        f"{name}.tif": cv2.imencode(".tif", deep, [cv2.IMWRITE_TIFF_COMPRESSION, code])[1].tobytes()
+        for name, code in codes.items()
+    }
+    return made | tiffs | {"p.jpg": progressive}
+
+
+def arrays() -> dict[str, bytes]:
+    """Return a phase map in every format that is read."""
+    from scipy.io import savemat
+
+    phase = 2 * np.pi * 12 * np.linspace(20, 160, 16)[None, :] / 192 + np.zeros((12, 1))
+    made = {}
+    for ending, save in (("npy", np.save), ("npz", lambda file, phi: np.savez_compressed(file, phi=phi))):
+        packed = io.BytesIO()
+        save(packed, phase)
+        made[ending] = packed.getvalue()
+    for name, squeezed in (("mat", False), ("Mat", True)):
+        packed = io.BytesIO()
+        savemat(packed, {"phi": phase}, do_compression=squeezed)
+        made[name] = packed.getvalue()
+    return made
+
+
+def tables_of(folder: Path) -> tuple[bytes, bytes]:
+    """Return a history as Parquet and as its database."""
+    (folder / "good.csv").write_text(TABLE, encoding="utf-8")
+    command(["history", "import", str(folder / "good.csv"), "--db", str(folder / "good.db")], "")
+    command(["history", "export", str(folder / "good.parquet"), "--db", str(folder / "good.db")], "")
+    return (folder / "good.parquet").read_bytes(), (folder / "good.db").read_bytes()
+
+
 def damaged_document(text: str, rng: random.Random) -> bytes:
     """Damage a JSON document in its structure: values of another kind, ragged lists, keys away or renamed."""
     document = json.loads(text)
@@ -309,6 +395,8 @@ class Bench:
         self.solve = solved_model()
         self.pairs = stated_pairs()
         (folder / "stereo.yml").write_bytes(self.pairs["stereo.yml"])
+        self.pictures, self.arrays = pictures(), arrays()
+        self.parquet, self.database = tables_of(folder)
         self._restore()
         self.kinds: dict[str, Callable[[random.Random], None]] = {
             "session": self._session,
@@ -325,6 +413,11 @@ class Bench:
             "stated pair": self._pair,
             "given places": self._places,
             "table": self._table,
+            "table as Parquet": self._parquet,
+            "history's database": self._database,
+            "picture": self._picture,
+            "session's picture": self._picture_of_session,
+            "session's phase map": self._map_of_session,
             "command line": self._line,
         }
 
@@ -333,9 +426,17 @@ class Bench:
             (self.session / name).write_text(content, encoding="utf-8")
 
     def run(self, seed: int) -> Outcome:
-        """Run one case."""
+        """Run one case, and see what it took."""
         rng = random.Random(seed)
         kind = rng.choice(tuple(self.kinds))
+        before, began = _memory_mib(anew=True), time.monotonic()
+        outcome = self._outcome(kind, rng)
+        taken, mib = time.monotonic() - began, _memory_mib() - before
+        if mib > MOST_MIB and not outcome.wrong:
+            outcome = replace(outcome, wrong=f"{mib:.0f} MiB of memory")
+        return replace(outcome, seconds=taken, mib=mib)
+
+    def _outcome(self, kind: str, rng: random.Random) -> Outcome:
         try:
             with within(SLOWEST_S), warnings.catch_warnings():
                 warnings.simplefilter("ignore")
@@ -452,6 +553,43 @@ class Bench:
         with tempfile.TemporaryDirectory(dir=self.folder) as folder:
             command(["history", "import", file, "--db", f"{folder}/h.db"], "")
 
+    def _parquet(self, rng: random.Random) -> None:
+        file = self._written("t.parquet", damaged_bytes(self.parquet, rng))
+        with tempfile.TemporaryDirectory(dir=self.folder) as folder:
+            command(["history", "import", file, "--db", f"{folder}/h.db"], "t.parquet")
+
+    def _database(self, rng: random.Random) -> None:
+        with tempfile.TemporaryDirectory(dir=self.folder) as folder:
+            file = Path(folder) / "h.db"
+            file.write_bytes(damaged_bytes(self.database, rng))
+            verb = rng.choice((["show"], ["export", f"{folder}/t.csv"]))
+            command(["history", *verb, "--db", str(file)], "h.db")
+
+    def _picture(self, rng: random.Random) -> None:
+        from fringecal.cli.shared.pictures import read_picture
+
+        name = rng.choice(sorted(self.pictures))
+        reader(
+            lambda path: read_picture(Path(path)), self._written(name, damaged_bytes(self.pictures[name], rng)), name
+        )
+
+    def _picture_of_session(self, rng: random.Random) -> None:
+        name = rng.choice(sorted(self.pictures))
+        good = (self.session / "grid.png").read_bytes()
+        try:
+            (self.session / "grid.png").write_bytes(damaged_bytes(self.pictures[name], rng))
+            self._check()
+        finally:
+            (self.session / "grid.png").write_bytes(good)
+
+    def _map_of_session(self, rng: random.Random) -> None:
+        ending = rng.choice(sorted(self.arrays))
+        (self.session / f"phase.{ending}").write_bytes(damaged_bytes(self.arrays[ending], rng))
+        text = SESSION.replace("[phase]", "resolution_px = [192, 96]\n\n[phase]") + MAPS.replace("ENDING", ending)
+        text = text.replace(', name = "phi"', "") if ending == "npy" else text
+        (self.session / "session.toml").write_text(text, encoding="utf-8")
+        self._check()
+
     def _line(self, rng: random.Random) -> None:
         command(senseless(self.folder, rng), "", codes=(0, 1, 2, 3))
 
@@ -560,7 +698,23 @@ def within(seconds: int) -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
+def _memory_mib(*, anew: bool = False) -> float:
+    """Return the peak of this process's memory; with `anew` it begins at what the process has now. Linux only."""
+    try:
+        if anew:
+            Path("/proc/self/clear_refs").write_bytes(CLEAR_PEAK)
+        found = Path("/proc/self/status").read_text(encoding="ascii")
+    except OSError:
+        return 0.0
+    return int(re.search(r"VmHWM:\s+(\d+) kB", found)[1]) / 1024
+
+
 def run_block(seeds: range) -> list[tuple[int, Outcome]]:
+    """Run cases; return their outcomes."""
+    return list(outcomes_of(seeds))
+
+
+def outcomes_of(seeds: range) -> Iterator[tuple[int, Outcome]]:
     """Run cases in a folder of their own, as the working directory, since senseless names are relative to it."""
     _load_everything()
     here = Path.cwd()
@@ -568,7 +722,8 @@ def run_block(seeds: range) -> list[tuple[int, Outcome]]:
         bench = Bench(Path(folder))
         os.chdir(bench.session)
         try:
-            return [(seed, bench.run(seed)) for seed in seeds]
+            for seed in seeds:
+                yield seed, bench.run(seed)
         finally:
             os.chdir(here)
 
@@ -586,37 +741,88 @@ def _load_everything() -> None:
     assert shared.calibration_of
 
 
-def main(cases: int = 10_000, first: int = 0) -> int:
-    """Run blocks of cases one after the other, each in a process of its own, and print what came of them."""
-    began, counts, refused, wrong = time.monotonic(), Counter[str](), Counter[str](), []
-    for start in range(first, first + cases, BLOCK):
-        stop = min(start + BLOCK, first + cases)
-        done = subprocess.run(
-            [sys.executable, __file__, "block", str(start), str(stop)], capture_output=True, text=True
-        )
-        rows = [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
-        if done.returncode:
-            wrong.append(f"seeds {start} to {stop}: the process ended with {done.returncode}: {done.stderr[-500:]}")
-        for row in rows:
-            counts[row["kind"]] += 1
-            refused[row["kind"]] += row["refused"]
-            if row["wrong"]:
-                wrong.append(f"seed {row['seed']}, {row['kind']}: {row['wrong']}")
+type Note = dict[str, Any]
+
+
+def block_of(start: int, stop: int) -> Iterator[Note]:
+    """Run a block in processes of its own; a case that a process dies of is wrong, and the block goes on behind it."""
+    while start < stop:
+        arguments = [sys.executable, __file__, "block", str(start), str(stop)]
+        try:
+            done = subprocess.run(arguments, capture_output=True, text=True, timeout=LONGEST_BLOCK_S)
+            printed, ended, said = done.stdout, f"ended with {done.returncode}", done.stderr
+        except subprocess.TimeoutExpired as slow:
+            printed, ended, said = (slow.stdout or b"").decode(), "hangs", (slow.stderr or b"").decode()
+        rows = [json.loads(line) for line in printed.splitlines() if line.startswith("{")]
+        yield from rows
+        start += len(rows)
+        if start < stop:
+            wrong = f"the process {ended}: {said[-500:]}"
+            yield {"seed": start, "kind": "end of a process", "wrong": wrong, "refused": False, "seconds": 0, "mib": 0}
+            start += 1
+
+
+def noted(start: int, stop: int) -> Note:
+    """Run a block and return what a tally keeps of it."""
+    note: Note = {"start": start, "stop": stop, "kinds": {}, "wrong": [], "seconds": [0.0, -1], "mib": [0.0, -1]}
+    for row in block_of(start, stop):
+        counts = note["kinds"].setdefault(row["kind"], [0, 0])
+        counts[0], counts[1] = counts[0] + 1, counts[1] + row["refused"]
+        for size in ("seconds", "mib"):
+            note[size] = max(note[size], [round(row[size], 1), row["seed"]])
+        if row["wrong"]:
+            note["wrong"].append(f"seed {row['seed']}, {row['kind']}: {row['wrong']}")
+    return note
+
+
+def print_tally(notes: list[Note]) -> int:
+    """Print counts by kind, every wrong case, and the slowest and largest; return how many were wrong."""
+    counts, refused = Counter[str](), Counter[str]()
+    wrong = [words for note in notes for words in note["wrong"]]
+    for note in notes:
+        for kind, (cases, so_many) in note["kinds"].items():
+            counts[kind] += cases
+            refused[kind] += so_many
     for kind, count in sorted(counts.items()):
         print(f"{kind:24s} {count:6d} cases, {refused[kind]:6d} refused")
     print(*wrong, sep="\n")
-    print(f"{counts.total()} cases in {time.monotonic() - began:.0f} s, {len(wrong)} wrong")
-    return min(1, len(wrong))
+    for size, words in (("seconds", "s at most"), ("mib", "MiB at most above what the process had")):
+        most, seed = max((note[size] for note in notes), default=[0.0, -1])
+        print(f"{most} {words}, seed {seed}")
+    print(f"{counts.total()} cases, {len(wrong)} wrong")
+    return len(wrong)
+
+
+def main(cases: int, first: int, tally: Path | None, seconds: float) -> int:
+    """Run the blocks that a tally lacks, one after the other, for so long; print what came of all."""
+    began = time.monotonic()
+    lines = tally.read_text(encoding="utf-8").splitlines() if tally is not None and tally.exists() else []
+    notes = [json.loads(line) for line in lines]
+    done = {note["start"] for note in notes}
+    for start in range(first, first + cases, BLOCK):
+        if start in done or time.monotonic() - began > seconds:
+            continue
+        notes.append(noted(start, min(start + BLOCK, first + cases)))
+        if tally is not None:
+            with tally.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(notes[-1]) + "\n")
+    return min(1, print_tally(notes))
 
 
 def print_block(start: int, stop: int) -> None:
-    """Print the outcomes of one block, a line of JSON each."""
-    for seed, outcome in run_block(range(start, stop)):
-        print(json.dumps({"seed": seed, "kind": outcome.kind, "wrong": outcome.wrong, "refused": outcome.refused}))
+    """Print the outcomes of one block as they come, a line of JSON each."""
+    for seed, outcome in outcomes_of(range(start, stop)):
+        print(json.dumps({"seed": seed} | asdict(outcome)), flush=True)
 
 
 if __name__ == "__main__":
     if sys.argv[1:2] == ["block"]:
         print_block(int(sys.argv[2]), int(sys.argv[3]))
     else:
-        sys.exit(main(*map(int, sys.argv[1:3])))
+        parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+        parser.add_argument("cases", type=int, nargs="?", default=10_000)
+        parser.add_argument("first", type=int, nargs="?", default=0)
+        parser.add_argument("--tally", type=Path, default=None)
+        parser.add_argument("--seconds", type=float, default=float("inf"))
+        chosen = parser.parse_args()
+        sys.exit(main(chosen.cases, chosen.first, chosen.tally, chosen.seconds))

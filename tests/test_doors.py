@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "src" / "fringecal"
 
-EVERYONE = {"errors", "guarded", "numerics", "replacement", "uncertainty"}
+EVERYONE = {"errors", "guarded", "guarded_arrays", "numerics", "replacement", "uncertainty"}
 MEASURING = {
     "session", "targets", "detect", "phase", "camera", "projector", "calibration", "reconstruct", "verification",
 }  # fmt: skip
@@ -184,6 +184,7 @@ def test_every_module_stands_in_a_room():
         "",
         "errors",
         "guarded",
+        "guarded_arrays",
         "numerics",
         "replacement",
         "__main__",
@@ -200,6 +201,7 @@ def test_errors_and_numerics_import_no_room():
     assert rooms_entered("errors") == set()
     assert rooms_entered("numerics") <= {"errors"}
     assert rooms_entered("guarded") == rooms_entered("replacement") == set()
+    assert rooms_entered("guarded_arrays") <= {"guarded"}
 
 
 def test_rooms_are_entered_by_their_faces():

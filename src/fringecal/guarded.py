@@ -68,7 +68,7 @@ def lies_inside(path: Path, folder: Path) -> bool:
 
 
 def bytes_of(path: str | os.PathLike[str], most: int) -> bytes:
-    """Read a regular file of at most `most` bytes; a pipe or a device is never waited for.
+    """Read a regular file of at most `most` bytes; a pipe or a device is never opened.
 
     Raises
     ------
@@ -76,15 +76,13 @@ def bytes_of(path: str | os.PathLike[str], most: int) -> bytes:
         It cannot be read, is no file, or is larger.
     """
     try:
+        _demand_regular(os.stat(path).st_mode)
+        # Not blocking: between the look and the opening a pipe may have taken the file's place.
         with open(path, "rb", opener=_without_waiting) as file:
-            found = os.fstat(file.fileno())
-            if not stat.S_ISREG(found.st_mode):
-                raise Refusal(f"{_kind(found.st_mode)}, a file was needed")
+            _demand_regular(os.fstat(file.fileno()).st_mode)
             content = file.read(most + 1)
     except FileNotFoundError as error:
         raise MissingFileRefusal("cannot be read (no such file)") from error
-    except IsADirectoryError as error:
-        raise Refusal("is a folder, a file was needed") from error
     except OSError as error:
         raise Refusal(f"cannot be read ({error.strerror or error})") from error
     except Refusal:
@@ -243,6 +241,11 @@ def _inside(value: Any) -> Iterator[Any]:
         yield from value.values()
     elif isinstance(value, list):
         yield from value
+
+
+def _demand_regular(mode: int) -> None:
+    if not stat.S_ISREG(mode):
+        raise Refusal(f"{_kind(mode)}, a file was needed")
 
 
 def _kind(mode: int) -> str:

@@ -366,8 +366,8 @@ def test_lists_that_are_none_are_refused(tmp_path, text, reason):
 
 def test_objects_in_archives_are_never_loaded(tmp_path):
     np.savez(tmp_path / "a.npz", camera_px=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(RecordError, match="array that is not|no array"):
+    with pytest.raises(RecordError, match="an array of object"):
         read_point_pairs(tmp_path / "a.npz")
     (tmp_path / "b.npz").write_bytes(b"PK" + base64.b85decode("abcde"))
-    with pytest.raises(RecordError, match="taken apart"):
+    with pytest.raises(RecordError, match="may be damaged"):
         read_point_pairs(tmp_path / "b.npz")

@@ -1,12 +1,18 @@
 """Phase maps of other programs in place of frames: read, counted as the projector's pixels, refused with the reason."""
 
+import io
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.io import savemat
 
+from fringecal.guarded import MIB, Refusal
+from fringecal.guarded_arrays import archive_of, matlab_of
 from fringecal.session import check_session, load_session
+from fringecal.session.document import MapTable
+from fringecal.session.faults import PictureError
+from fringecal.session.fringes.phase_maps import _read as read_one
 from fringecal.workflows.shared import raster_of_capture
 
 Bench = Any  # the fixture of conftest.py
@@ -94,3 +100,43 @@ def test_pickled_objects_are_not_opened(bench: Bench) -> None:
     np.save(bench.folder / "phase.npy", np.array([[object()]], dtype=object), allow_pickle=True)
     add_maps(bench, {"file": "phase.npy", "axis": "u", "fringes": 12.0})
     assert "cannot be read as arrays" in said(bench)
+
+
+@pytest.mark.parametrize("ending", ["npy", "npz", "mat", "Mat"])
+def test_whatever_is_damaged_is_a_fault_and_no_traceback(bench: Bench, ending: str) -> None:
+    """Cut short anywhere, or any byte inverted: the map is read with other numbers, or named as wrong."""
+    path = bench.folder / f"phase.{ending}"
+    small = np.linspace(0, 9, 12).reshape(3, 4)
+    with path.open("wb") as file:
+        if ending == "npy":
+            np.save(file, small)
+        elif ending == "npz":
+            np.savez_compressed(file, phi=small)
+        else:
+            savemat(file, {"phi": small}, do_compression=ending == "Mat")
+    good = path.read_bytes()
+    stated = MapTable(file=path.name, axis="u", fringes=12.0)
+    for k in range(0, len(good), 3):
+        for content in (good[:k], good[:k] + bytes([good[k] ^ 0xFF]) + good[k + 1 :], good[:k] + b"\0" + good[k + 1 :]):
+            path.write_bytes(content)
+            try:
+                found = read_one(bench.folder, stated, [192, 96]).phase_rad
+            except PictureError:
+                continue
+            assert found.size <= small.size
+    path.write_bytes(good)
+    np.testing.assert_array_equal(read_one(bench.folder, stated, [192, 96]).phase_rad, small)
+
+
+def test_an_archive_that_unpacks_to_more_than_is_read_is_refused(bench: Bench) -> None:
+    packed = io.BytesIO()
+    np.savez_compressed(packed, phi=np.zeros((1000, 1000)))
+    assert archive_of(packed.getvalue())["phi"].shape == (1000, 1000)
+    with pytest.raises(Refusal, match="7 MiB that are read"):
+        archive_of(packed.getvalue(), 7 * MIB)  # 8 MB are 7.6 MiB
+    for squeezed in (False, True):
+        matlab = io.BytesIO()
+        savemat(matlab, {"phi": np.zeros((1000, 1000), np.uint8)}, do_compression=squeezed)
+        assert matlab_of(matlab.getvalue(), 8 * MIB)["phi"].shape == (1000, 1000)
+        with pytest.raises(Refusal, match="that are left to be read"):
+            matlab_of(matlab.getvalue(), 7 * MIB)  # 1 MB of bytes, and 8 MB as numbers of 64 bit

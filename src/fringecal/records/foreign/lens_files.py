@@ -7,10 +7,10 @@ from typing import Any
 from fringecal.camera import Lens
 from fringecal.errors import RecordError
 from fringecal.guarded import MOST_LENS, Refusal, bytes_of, text_of
+from fringecal.guarded_arrays import matlab_of
 from fringecal.records.exports.cameramodel import lens_of_model
 from fringecal.records.exports.cameramodel_text import entries_of
 from fringecal.records.foreign.bouguet import bouguet_lens
-from fringecal.records.foreign.matlab_arrays import matlab_of
 from fringecal.records.foreign.named_values import Size, lens_of_entries
 from fringecal.records.foreign.plain_yaml import yaml_of
 from fringecal.records.foreign.slcalib_text import SLCALIB, slcalib_of

@@ -1,7 +1,6 @@
 """Phase maps that another program has made: `.npy`, `.npz` and `.mat`, read within limits and hashed."""
 
 import hashlib
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,17 +8,23 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import loadmat
 
+from fringecal.guarded import Refusal
+from fringecal.guarded_arrays import (
+    MAGIC_HDF5,
+    MAGIC_MATLAB,
+    MAGIC_NPY,
+    MAGIC_ZIP,
+    archive_of,
+    array_of,
+    matlab_of,
+)
 from fringecal.session.document import CaptureTable, MapTable, SessionDocument
 from fringecal.session.faults import Fault, PictureError, hint, joined
 from fringecal.session.model_file import outside_fault
-from fringecal.session.pictures.size_limits import regular_bytes
+from fringecal.session.pictures.size_limits import MOST_BYTES, regular_bytes
 
 Array = NDArray[np.float64]
-
-_MAGIC_NPY, _MAGIC_ZIP, _MAGIC_HDF5 = b"\x93NUMPY", b"PK\x03\x04", b"\x89HDF\r\n\x1a\n"
-_MAT = b"MATLAB 5.0 MAT-file"
 
 
 @dataclass(frozen=True)
@@ -114,16 +119,15 @@ def _read(folder: Path, stated: MapTable, resolution: Sequence[int]) -> StatedMa
 def _arrays(content: bytes) -> dict[str, Any]:
     """Return the arrays of a file by name; a lone one has the name ""."""
     try:
-        if content.startswith(_MAGIC_NPY):
-            return {"": np.load(io.BytesIO(content), allow_pickle=False)}
-        if content.startswith(_MAGIC_ZIP):
-            with np.load(io.BytesIO(content), allow_pickle=False) as archive:
-                return {name: archive[name] for name in archive.files}
-        if content.startswith(_MAT):
-            return {k: v for k, v in loadmat(io.BytesIO(content)).items() if not k.startswith("__")}
-    except (ValueError, OSError, EOFError, NotImplementedError, TypeError, KeyError) as error:
-        raise PictureError(f"cannot be read as arrays ({error})", "save the map again") from error
-    if content.startswith(_MAGIC_HDF5):
+        if content.startswith(MAGIC_NPY):
+            return {"": array_of(content)}
+        if content.startswith(MAGIC_ZIP):
+            return archive_of(content, MOST_BYTES)
+        if content.startswith(MAGIC_MATLAB):
+            return dict[str, Any](matlab_of(content, MOST_BYTES))
+    except Refusal as error:
+        raise PictureError(str(error), "save the map again") from error
+    if content.startswith(MAGIC_HDF5):
         raise PictureError(
             "is HDF5 (.mat of version 7.3 is, too), which is not read", "save the phase as .npz or .mat -v7"
         )
@@ -140,6 +144,8 @@ def _phase(arrays: dict[str, Any], stated: MapTable) -> Array:
     phase = np.asarray(arrays[name])
     if phase.ndim != 2 or phase.dtype.kind not in "fiu" or not phase.size:  # noqa: PLR2004 -- rows and columns
         raise PictureError(f"holds {phase.dtype} of shape {phase.shape}", "a map is (H, W) of real numbers, rad")
+    if phase.size > MOST_BYTES // np.dtype(np.float64).itemsize:
+        raise PictureError(f"holds {phase.size} pixels, more than are read", "save the part that is needed")
     phase = phase.astype(np.float64)
     phase[~np.isfinite(phase)] = np.nan
     if not np.isfinite(phase).any():
