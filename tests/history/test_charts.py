@@ -11,9 +11,8 @@ from fringecal.history.charts import (
     cusum_chart,
     ewma_chart,
     individuals_chart,
-    moving_range_chart,
 )
-from fringecal.history.constants import D4_MOVING, MOVING_RANGE, c4, range_moments
+from fringecal.history.constants import MOVING_RANGE, c4, range_moments
 from fringecal.history.run_lengths import cusum_run_length, ewma_run_length, shewhart_run_length
 
 # e-Handbook 6.3.2.4
@@ -64,21 +63,19 @@ def test_a_fall_signals_as_a_rise_does():
     assert fall.signals == rise.signals
 
 
-def test_individuals_and_moving_ranges_by_hand():
+def test_individuals_by_hand():
     values = [10.0, 12.0, 11.0, 13.0, 12.0, 11.0, 30.0]
     baseline = baseline_of(values, size=6)
     mean_range = (2 + 1 + 2 + 1 + 1) / 5
-    chart, ranges = individuals_chart(values, baseline), moving_range_chart(values, baseline)
-    # 3 / d2 = 2.65868 and D4 = 3.26653 of two values
+    chart = individuals_chart(values, baseline)
+    # 3 / d2 = 2.65868 of two values
     assert chart.upper[0] == pytest.approx(11.5 + 2.65868 * mean_range, abs=1e-5)
     assert chart.lower[0] == pytest.approx(11.5 - 2.65868 * mean_range, abs=1e-5)
-    assert ranges.upper[0] == pytest.approx(3.26653 * mean_range, abs=1e-5)
-    assert (chart.signals, ranges.signals) == ((6,), (6,))
+    assert chart.signals == (6,)
 
 
 def test_constants_of_the_tables():
     assert 3 / MOVING_RANGE.d2 == pytest.approx(2.65868, abs=5e-6)
-    assert pytest.approx(3.26653, abs=5e-6) == D4_MOVING
     table = {2: 0.797885, 3: 0.886227, 4: 0.921318, 5: 0.939986, 10: 0.972659}
     assert {n: c4(n) for n in table} == pytest.approx(table, abs=5e-7)
     # ASTM MNL 7, table 49

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from fringecal.errors import HistoryError
-from fringecal.history.drift import LONGEST_DAYS, YEAR_DAYS, chart_interval, drift_of, staircase
+from fringecal.history.drift import YEAR_DAYS, drift_of, jumps_of
+from fringecal.history.due import LONGEST_DAYS, chart_interval, due_of, staircase
 
 DAYS = np.arange(24) * YEAR_DAYS / 12
 
@@ -66,7 +67,7 @@ def test_no_interval_is_longer_than_what_is_known():
     drift = drift_of(DAYS, np.random.default_rng(4).normal(0, 0.01, 24))
     found = chart_interval(drift, 1.0)
     assert found.days == pytest.approx(DAYS[-1])
-    assert "reaches back" in found.reason
+    assert "reach back" in found.reason
 
 
 def test_scatter_shortens_the_interval():
@@ -82,3 +83,51 @@ def test_too_little_is_refused():
             drift_of(days, values)
     with pytest.raises(HistoryError, match="limit"):
         chart_interval(drift_of(DAYS, np.sin(DAYS)), 0.0)
+
+
+def test_parts_share_a_rate_and_nothing_else():
+    """Two sawteeth of 0.12 a year, the second set to zero by a calibration: the rate is that of both."""
+    parts = np.repeat([0, 1], 12)
+    scatter = 1e-9 * np.array([1, -1] * 12)
+    sawtooth = 0.12 * (DAYS - np.where(parts, DAYS[12], 0.0)) / YEAR_DAYS + scatter
+    drift = drift_of(DAYS, sawtooth, parts=parts)
+    assert drift.rate.value == pytest.approx(0.12)
+    assert drift.level.value == pytest.approx(0.12 * 11 / 12)
+    assert drift.level.dof == 24 - 3
+    assert drift.span_years == pytest.approx(11 / 12)
+    assert abs(drift_of(DAYS, sawtooth).rate.value) < 0.06  # one line through both teeth is nearly level
+
+
+def test_jumps_are_found_where_they_are_and_rarely_where_none_are():
+    """Of 200 steady histories at most 1 % have one by chance: 2 expected, standard error 1.4."""
+    rng = np.random.default_rng(31)
+    assert sum(bool(jumps_of(DAYS, rng.normal(0, 1, 24))) for _ in range(200)) <= 6
+    found = [jumps_of(DAYS, rng.normal(0, 1, 24) + 6 * (np.arange(24) >= 9)) for _ in range(20)]
+    assert all(9 in one or 8 in one or 10 in one for one in found)
+    assert sum(one == (9,) for one in found) >= 17
+
+
+def test_a_steady_rig_keeps_its_interval_however_much_it_scatters():
+    """A rate that is not significant shortens nothing, though its forecast reaches the limit at once."""
+    rng = np.random.default_rng(6)
+    for _ in range(50):
+        values = rng.normal(0, 0.3, 7)
+        days = 30.0 * np.arange(7)
+        drift = drift_of(days, values)
+        due = due_of(days, values, 1.0, drift)
+        if not drift.significant and abs(values[-1]) <= 1:
+            assert due.days >= 30.0
+
+
+def test_a_record_beyond_the_limit_is_due_now_and_says_by_how_much():
+    values = np.array([0.1, 0.0, 0.1, 0.0, 0.41])
+    due = due_of(30 * np.arange(5), values, 0.3, drift_of(30 * np.arange(5), values, unit="%"))
+    assert (due.days, due.method) == (0.0, "beyond the limit")
+    assert "+0.410 % at the last record, limit 0.3 %" in due.reason
+
+
+def test_a_jump_leaves_the_usual_interval_at_most():
+    values = np.where(np.arange(24) < 12, 0.0, 0.5) + np.random.default_rng(2).normal(0, 0.05, 24)
+    due = due_of(DAYS, values, 1.0, drift_of(DAYS, values, parts=np.repeat([0, 1], 12)), jumps=1)
+    assert due.days == pytest.approx(YEAR_DAYS / 12)
+    assert "1 jump" in due.reason

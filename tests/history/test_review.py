@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
@@ -10,7 +11,8 @@ import pytest
 from fringecal.cli.app import main
 from fringecal.errors import HistoryError
 from fringecal.history.entries import Reading
-from fringecal.history.review import repeats_of, review_series, series_of
+from fringecal.history.review import repeats_of, review_series, reviews_of, series_of
+from fringecal.history.standing import standing_of, standing_sentences
 from fringecal.history.store import open_history
 from fringecal.report.html import render_html
 from fringecal.workflows.history.report import history_report, history_verdict, review_table
@@ -47,7 +49,8 @@ def test_a_rig_in_control(history):
     assert review.alarms == ()
     assert review.baseline.sigma == pytest.approx(5e-5, rel=0.5)  # 20 records: 21 % of chance
     assert not review.drift.significant
-    assert any("no limit is known" in note for note in review.notes)
+    assert (review.due.days, review.due.method) == (None, "not enough to say")
+    assert "no limit is known" in review.due.reason
 
 
 def test_a_shift_of_two_sigma_raises_the_alarm_of_the_slow_charts(history):
@@ -65,8 +68,7 @@ def test_certified_quantities_are_charted_as_deviations_with_their_own_limit(his
     review = review_of(history, "Block: step of 10 mm")
     assert abs(review.series.values).max() < 0.05
     assert review.series.limit == pytest.approx(1.959964 * np.hypot(0.01, 0.003))
-    assert {interval.method for interval in review.intervals} <= {"staircase", "control chart"}
-    assert review.interval.days == min(interval.days for interval in review.intervals)
+    assert review.due.days >= 28  # a month, the usual interval: nothing drifts
 
 
 def test_a_value_that_never_changes_has_no_chart_but_a_note(history):
@@ -74,15 +76,72 @@ def test_a_value_that_never_changes_has_no_chart_but_a_note(history):
     review = review_of(history, "check: noise")
     assert review.charts == ()
     assert any("all equal" in note for note in review.notes)
-    assert review.series.limit == 0.1
+    assert review.series.limit is None  # of a check: no deviation could reach it
 
 
 def test_few_records_give_notes_and_no_numbers(history):
     history.append([make_entry(1), make_entry(2)])
     review = review_of(history, "q1")
-    assert (review.charts, review.drift, review.intervals) == ((), None, ())
+    assert (review.charts, review.drift, review.due.days) == ((), None, None)
     assert history_verdict([review]).decision == "info"
     assert review_table([review])["sigma"].isna().all()
+
+
+def audited(history, *, rate=0.0, number=8, seed=3, calibrated=("2026-01-01", "2026-04-20")):
+    """Monthly audits of a rig whose height scale drifts by `rate` per cent a year, calibrated anew on the way."""
+    rng = np.random.default_rng(seed)
+    days = pd.date_range("2026-01-10", periods=number, freq="31D", tz="UTC")
+    made = [pd.Timestamp(day, tz="UTC") for day in calibrated]
+    scale = [Reading("scale, mean", 0.734, "mm/px", 1e-4)]
+    for k, day in enumerate(made):
+        history.append([replace(make_entry(100 + k, captured=day.isoformat(), readings=scale), kind="calibration")])
+    for k, day in enumerate(days):
+        years = (day - max(one for one in made if one < day)).days / 365.25
+        change = rate * years + rng.normal(0, 0.01)
+        readings = [
+            Reading("change of height scale", change, "%", 0.05, None, None, None, change / 0.1, 0.3, "pass"),
+            Reading("check: rig as calibrated", 0.97 + 0.003 * k, limit=0.01, decision="pass"),
+        ]
+        history.append([make_entry(k, captured=day.isoformat(), readings=readings)])
+    return history.readings("bench-1")
+
+
+def test_a_healthy_rig_is_not_told_to_calibrate_now(history):
+    """Seven unchanged audits, each with a chance near 1 and a limit of 0.01 below it: nothing is due for a month."""
+    reviews = reviews_of(audited(history))
+    assert not any(one.series.quantity.startswith("check: ") for one in reviews)
+    standing = standing_of(reviews)
+    assert (standing.out, standing.drifting, standing.jumped) == ((), (), ())
+    assert standing.next_review.due.days >= 31
+    assert "height scale" in standing_sentences(standing)[-1]
+    assert standing.next_review.drift.records == 8 + 2  # every audit, and the calibrations as changes of nought
+
+
+def test_a_drift_through_two_calibrations_is_due_when_it_reaches_the_limit(history):
+    """0.6 % a year reach 0.3 % half a year after the calibration of April 20; the forecast's U takes some of it."""
+    standing = standing_of(reviews_of(audited(history, rate=0.6, number=7)))
+    review = standing.next_review
+    assert standing.drifting == (review,)
+    assert review.drift.rate.value == pytest.approx(0.6, abs=2.1 * review.drift.rate.u)
+    reached = pd.Timestamp("2026-04-20", tz="UTC") + pd.Timedelta(days=182.6)
+    assert pd.Timestamp("2026-08-15", tz="UTC") < pd.Timestamp(standing.due) < reached
+    assert "U" in review.due.reason
+    assert "by 9 records" in review.due.reason
+
+
+def test_charts_of_changes_begin_with_the_calibration_in_force(history):
+    review = reviews_of(audited(history, number=12), ["change of height scale"])[0]
+    assert review.first == 4  # audits of January to April 13
+    assert len(review.charts[0].statistic) == 12 - 4
+
+
+def test_two_records_of_many_quantities_are_one_sentence(history):
+    history.append([make_entry(1), make_entry(2)])
+    reviews = reviews_of(history.readings("bench-1"))
+    report = history_report("bench-1", history.entries("bench-1"), reviews)
+    assert [section.title for section in report.sections] == ["Quantities", "Records"]
+    assert len(report.sections[0].sentences) == 1
+    assert "q1 (2)" in report.sections[0].sentences[0]
 
 
 def test_mixed_rows_are_refused(history):
@@ -115,7 +174,12 @@ def test_the_report_names_alarms_intervals_and_run_lengths(history):
     monthly(history, shift=2e-4)
     reviews = [review_of(history, name) for name in ("scale, mean", "Block: step of 10 mm")]
     page = render_html(history_report("bench-1", history.entries("bench-1"), reviews))
-    for text in ("Out of control at the last record: scale, mean", "10.5", "Next calibration in", "30 records"):
+    for text in (
+        "Out of control at the last record: scale, mean",
+        "10.5",
+        "Next calibration or audit due",
+        "30 records",
+    ):
         assert text in page
 
 

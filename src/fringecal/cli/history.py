@@ -22,6 +22,7 @@ from fringecal.workflows.shared import command_line
 if TYPE_CHECKING:
     import pandas as pd
 
+    from fringecal.history import Review
     from fringecal.report import Section
 
 HELP = """Keep the records of rigs over the years: append, tabulate, chart, export.
@@ -74,7 +75,7 @@ def history_beside(record: Path, db: str) -> "Section | None":
     import pandas as pd
 
     from fringecal.errors import HistoryError
-    from fringecal.history import open_history, read_entry, readings_of, review_series, series_of
+    from fringecal.history import open_history, read_entry, readings_of, reviews_of
     from fringecal.workflows.history import history_section
 
     if not db:
@@ -87,10 +88,8 @@ def history_beside(record: Path, db: str) -> "Section | None":
     except HistoryError:
         return None
     quantities = [str(name) for name in today["quantity"] if not str(name).startswith("check: ")]
-    known = before[before["quantity"].isin(quantities)]
-    table = today if known.empty else pd.concat([known.astype(object), today.astype(object)], ignore_index=True)
-    ordered = table.sort_values("captured", kind="stable")
-    reviews = [review_series(series_of(ordered[ordered["quantity"] == name])) for name in quantities]
+    table = today if before.empty else pd.concat([before.astype(object), today.astype(object)], ignore_index=True)
+    reviews = reviews_of(table.sort_values("captured", kind="stable"), quantities) if quantities else ()
     return history_section(reviews)
 
 
@@ -236,23 +235,25 @@ def _plain(frame: "pd.DataFrame") -> list[dict[str, Any]]:
 def chart(
     db: str = DB,
     rig: str | None = RIG,
-    quantity: list[str] = typer.Option([], "--quantity", help="Quantity to chart; repeat for more. All by default."),
+    quantity: list[str] = typer.Option(
+        [], "--quantity", help="Quantity to chart; repeat for more. All but checks by default."
+    ),
     limit: float | None = typer.Option(None, "--limit", help="Largest permissible distance from --reference."),
     reference: float | None = typer.Option(None, "--reference", help="What --limit is counted from, 0 by default."),
     baseline: int | None = typer.Option(
-        None, "--baseline", min=2, help="Records that were in control, from the first."
+        None, "--baseline", min=2, help="Records in control, from the first, that judge the others."
     ),
     since: str = typer.Option("", "--since", help="Leave out what was captured before, e.g. 2026-02-01."),
     out: Path | None = typer.Option(None, "--out", help="Folder for report.html, tables and figures."),
     as_json: bool = JSON,
 ) -> None:
-    """Draw control charts, fit the drift, suggest when to calibrate next.
+    """Say what is out, what drifts and what is due; draw control charts.
 
     Exit code 3 if a chart is in alarm at the last record.
 
     Example: fringecal history chart --db history.db --quantity "scale, mean" --out charts
     """
-    from fringecal.history import captured_since, open_history, review_series, series_of
+    from fringecal.history import captured_since, open_history, reviews_of
     from fringecal.workflows.history import history_report, history_verdict, review_table
 
     if (limit is not None or reference is not None) and len(quantity) != 1:
@@ -265,11 +266,8 @@ def chart(
         entries, readings = history.entries(name), history.readings(name)
     if first is not None:
         readings, entries = (captured_since(frame, first) for frame in (readings, entries))
-    series = [
-        series_of(readings[readings["quantity"] == one], limit=limit, reference=reference)
-        for one in quantity or sorted(set(readings["quantity"]))
-    ]
-    reviews = [review_series(one, baseline=baseline) for one in series]
+    _demand_quantities(quantity, set(readings["quantity"]))
+    reviews = reviews_of(readings, quantity, limit=limit, reference=reference, baseline=baseline)
     verdict, table = history_verdict(reviews), review_table(reviews)
     if out is not None:
         from fringecal.records import result_folder
@@ -302,18 +300,30 @@ def _time(text: str, option: str) -> datetime:
         raise typer.BadParameter(f"{text!r}; {error}", param_hint=option) from None
 
 
-def _print_reviews(reviews, sentence: str) -> None:  # type: ignore[no-untyped-def]
+def _print_reviews(reviews: "Sequence[Review]", sentence: str) -> None:
+    """Print the verdict first, then each quantity that has a line, and the others in one."""
+    from fringecal.history import last_text, rate_text, standing_of
+
+    few = standing_of(reviews).too_few
+    lines = [sentence]
     for review in reviews:
-        head = f"{review.series.quantity}: {len(review.series.values)} record(s), last {review.series.values[-1]:.6g}"
-        lines = [f"{head} {review.series.unit}".rstrip()]
-        if review.drift is not None:
-            rate = review.drift.rate
-            lines.append(f"  drift {rate.value:+.3g} {rate.unit}, u {rate.u:.2g}, p {review.drift.p_value:.2g}")
-        lines += [f"  {one.method}: {one.days:.0f} days; {one.reason}" for one in review.intervals]
+        if review in few:
+            continue
+        lines.append(f"{review.series.quantity}: {len(review.series.values)} record(s), last {last_text(review)}")
+        lines += [f"  drift {rate_text(review.drift)}, p {review.drift.p_value:.2g}"] if review.drift else []
+        lines.append(f"  {_due_text(review)}")
         lines += [f"  {note}" for note in review.notes]
-        for line in lines:
-            console.print(line, markup=False, highlight=False, soft_wrap=True)
-    console.print(sentence, markup=False, highlight=False, soft_wrap=True)
+    if few:
+        lines.append(
+            f"quantities with too few records to say anything: {len(few)}; `fringecal history show` lists them"
+        )
+    for line in lines:
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+
+
+def _due_text(review: "Review") -> str:
+    days = review.due.days
+    return f"{review.due.method}: {'' if days is None else f'{days:.0f} days; '}{review.due.reason}"
 
 
 def _one_rig(rigs: tuple[str, ...], rig: str | None) -> str:

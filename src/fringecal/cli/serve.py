@@ -248,12 +248,11 @@ def _entries(db: str, rig: str) -> Any:
 
 
 def _report(db: str, rig: str) -> str:
-    from fringecal.history import open_history, review_series, series_of
+    from fringecal.history import open_history, reviews_of
     from fringecal.report import render_html
     from fringecal.workflows.history import history_report
 
     entries = _entries(db, rig)
     with open_history(db, create=False) as history:
         readings = history.readings(rig)
-    reviews = [review_series(series_of(group)) for _, group in readings.groupby("quantity")]
-    return render_html(history_report(rig, entries, reviews, created=datetime.now(UTC)))
+    return render_html(history_report(rig, entries, reviews_of(readings), created=datetime.now(UTC)))

@@ -4,6 +4,9 @@ from .charts import (
 from .drift import (
     YEAR_DAYS as YEAR_DAYS,
 )
+from .due import (
+    rate_text as rate_text,
+)
 from .entries import (
     Reading as Reading,
 )
@@ -35,10 +38,7 @@ from .review import (
     repeats_of as repeats_of,
 )
 from .review import (
-    review_series as review_series,
-)
-from .review import (
-    series_of as series_of,
+    reviews_of as reviews_of,
 )
 from .run_lengths import (
     cusum_run_length as cusum_run_length,
@@ -48,6 +48,21 @@ from .run_lengths import (
 )
 from .run_lengths import (
     shewhart_run_length as shewhart_run_length,
+)
+from .standing import (
+    Standing as Standing,
+)
+from .standing import (
+    due_date as due_date,
+)
+from .standing import (
+    last_text as last_text,
+)
+from .standing import (
+    standing_of as standing_of,
+)
+from .standing import (
+    standing_sentences as standing_sentences,
 )
 from .store import (
     open_history as open_history,

@@ -1,4 +1,4 @@
-"""Control charts of single values: individuals with moving range, EWMA and CUSUM.
+"""Control charts of single values: individuals, EWMA and CUSUM.
 
 Audits are rare, so that a small drift must be found in few of them: a chart of individuals takes 44 audits on average
 to see a change by one standard deviation, EWMA and CUSUM take ten (`fringecal.history.run_lengths`).
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import HistoryError
-from fringecal.history.constants import D4_MOVING, MOVING_RANGE
+from fringecal.history.constants import MOVING_RANGE
 
 Floats = NDArray[np.float64]
 
-LEAST_BASELINE, USUAL_BASELINE = 6, 20
+LEAST_VALUES, USUAL_BASELINE = 6, 20
 """Values in control that sigma is estimated from, at least and usually: it is then known to 41 % and to 21 %
 (`Baseline.u_sigma_relative`). From fewer no limit can be drawn; with more, years pass before the first chart."""
 
@@ -61,7 +61,7 @@ class Chart:
     values beyond a limit.
     """
 
-    kind: Literal["individuals", "moving range", "EWMA", "CUSUM"]
+    kind: Literal["individuals", "EWMA", "CUSUM"]
     statistic: Floats
     centre: float
     upper: Floats
@@ -97,11 +97,11 @@ def baseline_of(values: ArrayLike, *, size: int | None = None) -> Baseline:
     HistoryError
         There are fewer than 6 values, or they are all equal: state centre and sigma instead.
     """
-    x = _checked(values)
+    x = checked(values)
     size = min(len(x), USUAL_BASELINE) if size is None else size
-    if not LEAST_BASELINE <= size <= len(x):
+    if not LEAST_VALUES <= size <= len(x):
         raise HistoryError(
-            f"a baseline takes {LEAST_BASELINE} values at least, found {min(size, len(x))} of {len(x)}; "
+            f"a baseline takes {LEAST_VALUES} values at least, found {min(size, len(x))} of {len(x)}; "
             "wait for more records, or state centre and sigma"
         )
     sigma = float(np.abs(np.diff(x[:size])).mean()) / MOVING_RANGE.d2
@@ -122,17 +122,8 @@ def individuals_chart(values: ArrayLike, baseline: Baseline, *, width: float = S
     width
         Half width of the limits in units of sigma.
     """
-    x = _checked(values)
+    x = checked(values)
     return _banded("individuals", x, baseline.centre, np.full(len(x), width * baseline.sigma))
-
-
-def moving_range_chart(values: ArrayLike, baseline: Baseline) -> Chart:
-    """Chart the moving ranges of two values against ``D4 d2 sigma``; the first value has none (NaN)."""
-    x = _checked(values)
-    ranges = np.concatenate([[np.nan], np.abs(np.diff(x))])
-    centre = MOVING_RANGE.d2 * baseline.sigma
-    upper = np.full(len(x), D4_MOVING * centre)
-    return Chart("moving range", ranges, centre, upper, None, _indices(ranges > upper))
 
 
 def ewma_chart(
@@ -159,7 +150,7 @@ def ewma_chart(
     settled
         Whether to use the limits of a long series from the first value on, as the handbook does.
     """
-    x = _checked(values)
+    x = checked(values)
     if not 0 < weight <= 1:
         raise HistoryError(f"the weight of an EWMA lies above 0 and not above 1, found {weight:g}")
     z, last = np.empty(len(x)), baseline.centre
@@ -185,7 +176,7 @@ def cusum_chart(
     slack, limit
         In units of sigma.
     """
-    x = _checked(values)
+    x = checked(values)
     high, low = np.empty(len(x)), np.empty(len(x))
     up = down = 0.0
     for i, deviation in enumerate(x - baseline.centre):
@@ -201,7 +192,8 @@ def _banded(kind: Literal["individuals", "EWMA"], statistic: Floats, centre: flo
     return Chart(kind, statistic, centre, centre + half, centre - half, _indices(beyond))
 
 
-def _checked(values: ArrayLike) -> Floats:
+def checked(values: ArrayLike) -> Floats:
+    """Return a row of finite values as an array, or refuse."""
     x = np.asarray(values, dtype=float)
     if x.ndim != 1 or x.size == 0 or not np.isfinite(x).all():
         raise HistoryError(f"a chart takes a row of finite values, found an array of shape {x.shape}")

@@ -57,6 +57,3 @@ def c4(size: int) -> float:
 
 MOVING_RANGE = range_moments(2)
 """Of the range of two successive values: sigma is estimated by the mean moving range over its d2."""
-
-D4_MOVING = 1 + 3 * MOVING_RANGE.d3 / MOVING_RANGE.d2
-"""Upper limit of a moving range in units of the mean moving range, 3.2665."""

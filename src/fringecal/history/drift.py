@@ -1,43 +1,45 @@
-"""Drift of a quantity over the years, and when to calibrate next (ILAC-G24:2022 / OIML D 10)."""
+"""Drift of a quantity over the years: one rate, and a level of its own after each calibration or jump."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy import optimize, stats
+from numpy.typing import ArrayLike, NDArray
+from scipy import stats
 
 from fringecal.errors import HistoryError
-from fringecal.uncertainty import COVERAGE, Estimate, Line, fit_line
+from fringecal.uncertainty import Estimate
+
+Floats = NDArray[np.float64]
 
 YEAR_DAYS = 365.25
-LEAST_POINTS = 4  # records: two degrees of freedom at least for the scatter about the line
-LONGEST_DAYS = 5 * YEAR_DAYS  # of an interval: no history says what a rig does in longer
-EXTENDED_BELOW = 0.8  # of the limit: ILAC-G24's example for a longer interval
-GROWTH = 0.1  # by how much an interval is lengthened: small steps, since one good audit says little
-TARGET_RELIABILITY = 0.9  # share of audits that are to find the rig within its limits
+LEAST_DOF = 2  # of the scatter about the line: of one degree of freedom U is 13 u, which says nothing
+LEAST_POINTS = 2 + LEAST_DOF  # records on one line
 SIGNIFICANCE = 0.05  # probability without drift below which a rate is called significant: the usual 5 %
 _SUSPICIOUS = 0.01  # probability of residuals so alike below which the line is not carried on: 1 %, since it stops work
 _LEAST_RESIDUALS = 8  # below it the normal approximation of von Neumann's ratio does not hold
+_JUMP = 0.01  # probability without any jump, all places tried, below which one is taken for real
+_MOST_JUMPS = 3  # in one history: with more of them it has no line
 
 
 @dataclass(frozen=True)
 class Drift:
-    """A straight line through a quantity over time.
+    """A straight line through a quantity over time, in parts that share its rate.
 
     `rate` is per year; `level` holds at the last record; `p_value` is the probability of such a rate without drift;
     `p_structure` that of residuals as alike as these from one record to the next: a small one means that steps or
-    curves, not a steady drift, are there, and that the line must not be carried on.
+    curves, not a steady drift, are there, and that the line must not be carried on. `covariance` is that of level and
+    rate, `span_years` the longest part, as far ahead as the line may be carried on.
     """
 
     rate: Estimate
     level: Estimate
     p_value: float
     p_structure: float
-    line: Line
-    last_years: float
+    covariance: Floats
+    residual_sd: float
     span_years: float
+    records: int
 
     @property
     def significant(self) -> bool:
@@ -51,13 +53,13 @@ class Drift:
 
     def at(self, years: float) -> Estimate:
         """Forecast of one record, so many years after the last: its scatter is part of the uncertainty."""
-        t = self.last_years + years
-        variance = np.array([1.0, t]) @ self.line.covariance @ np.array([1.0, t]) + self.line.residual_sd**2
-        value = self.line.intercept + self.line.slope * t
-        return Estimate(float(value), float(np.sqrt(variance)), self.level.unit, "forecast", self.line.dof)
+        weights = np.array([1.0, years])
+        variance = weights @ self.covariance @ weights + self.residual_sd**2
+        value = self.level.value + self.rate.value * years
+        return Estimate(float(value), float(np.sqrt(variance)), self.level.unit, "forecast", self.level.dof)
 
 
-def drift_of(days: ArrayLike, values: ArrayLike, *, unit: str = "") -> Drift:
+def drift_of(days: ArrayLike, values: ArrayLike, *, parts: ArrayLike | None = None, unit: str = "") -> Drift:
     """Fit a straight line; its uncertainty comes from the scatter about it, not from the stated u.
 
     What the records share (artefact, model) cancels in a drift, and their u contains it.
@@ -68,34 +70,57 @@ def drift_of(days: ArrayLike, values: ArrayLike, *, unit: str = "") -> Drift:
         (n,) days since any origin.
     values
         (n,) in `unit`.
+    parts
+        (n,) whole numbers: records with the same one share a level. By default all do.
 
     Raises
     ------
     HistoryError
-        Fewer than 4 records, or all at one time.
+        Fewer records than levels and 3 more, or all records of each part at one time.
     """
     t, x = np.asarray(days, float) / YEAR_DAYS, np.asarray(values, float)
-    if t.size < LEAST_POINTS or t.shape != x.shape or np.ptp(t) == 0:
+    part = np.zeros(t.shape, int) if parts is None else np.asarray(parts, int)
+    if t.ndim != 1 or not t.shape == x.shape == part.shape or not t.size:
         raise HistoryError(f"a drift takes {LEAST_POINTS} records at different times, found {t.size}")
     order = np.argsort(t, kind="stable")
-    t, x = t[order], x[order]
-    line = fit_line(t, x)
-    u_rate = float(np.sqrt(line.covariance[1, 1]))
-    last = np.array([1.0, t[-1]])
-    u_level = float(np.sqrt(last @ line.covariance @ last))
-    p = 2 * float(stats.t.sf(abs(line.slope) / u_rate, line.dof)) if u_rate > 0 else float(line.slope == 0)
+    t, x, part = t[order], x[order], part[order]
+    design = _design(t - t[-1], part)
+    dof = t.size - design.shape[1]
+    if dof < LEAST_DOF or np.linalg.matrix_rank(design) < design.shape[1]:
+        needed = design.shape[1] + LEAST_DOF
+        raise HistoryError(f"a drift takes {needed} records at different times, found {t.size}")
+    found, residuals, normal = _solved(design, x)
+    variance = float(residuals @ residuals) / dof
+    # The last part's level comes first in the design, the rate last.
+    covariance = variance * normal[np.ix_([0, -1], [0, -1])]
+    u_level, u_rate = np.sqrt(np.diag(covariance))
+    p = 2 * float(stats.t.sf(abs(found[-1]) / u_rate, dof)) if u_rate > 0 else float(found[-1] == 0)
     return Drift(
-        Estimate(line.slope, u_rate, f"{unit}/year", "drift", line.dof),
-        Estimate(line.intercept + line.slope * t[-1], u_level, unit, "level", line.dof),
+        Estimate(float(found[-1]), float(u_rate), f"{unit or '1'}/year", "drift", dof),
+        Estimate(float(found[0]), float(u_level), unit, "level", dof),
         p,
-        _structure(x - line.intercept - line.slope * t),
-        line,
-        float(t[-1]),
-        float(np.ptp(t)),
+        _structure(residuals),
+        covariance,
+        variance**0.5,
+        max(float(np.ptp(t[part == one])) for one in set(part)),
+        t.size,
     )
 
 
-def _structure(residuals: np.ndarray) -> float:
+def _design(years: Floats, part: NDArray[np.int_]) -> Floats:
+    """Columns: the level of each part, the last record's first, then the time."""
+    others = sorted(set(part) - {part[-1]})
+    return np.column_stack([*(part == one for one in (part[-1], *others)), years]).astype(float)
+
+
+def _solved(design: Floats, x: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return coefficients, residuals, and the covariance of the coefficients for unit variance."""
+    inverse = np.linalg.pinv(design)
+    found = inverse @ x
+    return found, x - design @ found, inverse @ inverse.T
+
+
+def _structure(residuals: Floats) -> float:
     """Probability of successive residuals so alike by chance (von Neumann's ratio, normal approximation)."""
     total = float(residuals @ residuals)
     if len(residuals) < _LEAST_RESIDUALS or total == 0:
@@ -106,91 +131,68 @@ def _structure(residuals: np.ndarray) -> float:
     return float(stats.norm.cdf((ratio - 2) / np.sqrt(4 * (n - 2) / (n**2 - 1))))
 
 
-@dataclass(frozen=True)
-class Interval:
-    """A recalibration interval in days, by which method, and why."""
+def jumps_of(days: ArrayLike, values: ArrayLike, *, parts: ArrayLike | None = None) -> tuple[int, ...]:
+    """Find the records from which on a quantity has another level, in the order of time.
 
-    days: float
-    method: Literal["staircase", "control chart"]
-    reason: str
-
-
-def staircase(
-    current_days: float, ratios: Sequence[float], *, growth: float = GROWTH, reliability: float = TARGET_RELIABILITY
-) -> Interval:
-    """Step an interval up or down after each audit (ILAC-G24, method 1).
-
-    Each ratio beyond 1 shortens the interval to ``(1 + growth)^(-R / (1 - R))`` of itself, so that it settles where
-    the share R of audits is within the limit; a ratio below 0.8 lengthens it by `growth`; between them it stays.
+    At each place in turn a further level is fitted beside the line's; the one that explains most is kept if its F test,
+    times the number of places tried (Bonferroni), is below 1 %, and the search begins again with it.
 
     Parameters
     ----------
-    current_days
-        Interval that the first audit ended.
-    ratios
-        Largest ``|deviation| / limit`` of each audit, oldest first.
-    growth
-        By how much an interval is lengthened.
-    reliability
-        Share of audits R that is to be within the limit.
+    days, values, parts
+        As for `drift_of`, in the order of time.
 
     Examples
     --------
-    >>> round(staircase(100.0, [0.5, 0.5, 0.9]).days, 1)
-    121.0
+    >>> jumps_of(range(10), [0.1, 0, 0.1, 0, 0.1, 1.0, 1.1, 1.0, 1.1, 1.0])
+    (5,)
     """
-    if not current_days > 0 or not len(ratios) or not np.isfinite(ratios).all():
-        raise HistoryError("a staircase takes an interval above 0 and at least one finite ratio")
-    shrink = (1 + growth) ** (-reliability / (1 - reliability))
-    days = current_days
-    for ratio in ratios:
-        days *= shrink if abs(ratio) > 1 else (1 + growth if abs(ratio) < EXTENDED_BELOW else 1.0)
-        days = min(days, LONGEST_DAYS)
-    beyond, below = sum(abs(r) > 1 for r in ratios), sum(abs(r) < EXTENDED_BELOW for r in ratios)
-    reason = (
-        f"of {len(ratios)} audits {below} stayed below {EXTENDED_BELOW:.0%} of the limit (+{growth:.0%} each) and "
-        f"{beyond} went beyond it (-{1 - shrink:.0%} each), from {current_days:.0f} days; "
-        f"settles at {reliability:.0%} within"
-    )
-    return Interval(days, "staircase", reason)
+    t, x = np.asarray(days, float), np.asarray(values, float)
+    part = np.zeros(t.shape, int) if parts is None else np.asarray(parts, int)
+    found: list[int] = []
+    while len(found) < _MOST_JUMPS:
+        place = _largest_jump(t, x, part)
+        if place is None:
+            break
+        found.append(place)
+        part = part + (np.arange(t.size) >= place) * (part.max() + 1) * (part == part[place])
+    return tuple(sorted(found))
 
 
-def chart_interval(drift: Drift, limit: float, *, reference: float = 0.0, coverage: float = COVERAGE) -> Interval:
-    """Find how long the forecast of the next audit stays within the limit (ILAC-G24, method 2).
+def _largest_jump(t: Floats, x: Floats, part: NDArray[np.int_]) -> int | None:
+    """Return where a further level explains most, if it is significant."""
+    places = [k for k in range(1, t.size) if part[k] == part[k - 1]]
+    design = _design(t - t[-1], part)
+    dof = t.size - design.shape[1] - 1
+    if not places or dof < LEAST_DOF:
+        return None
+    before = _squares(design, x)
+    after = [_squares(np.column_stack([design, _step(t.size, part, k)]), x) for k in places]
+    least = int(np.argmin(after))
+    ratio = (before - after[least]) * dof / after[least] if after[least] > 0 else np.inf
+    p = float(stats.f.sf(ratio, 1, dof)) * len(places) if before > 0 else 1.0
+    return places[least] if p < _JUMP else None
 
-    The first time at which ``|forecast - reference| + U = limit``, U the expanded uncertainty of a single forecast,
-    but no further ahead than the history reaches back, nor than 5 years.
 
-    Parameters
-    ----------
-    drift
-        The fitted line.
-    limit
-        Largest permissible deviation from `reference`, in the unit of the values.
+def _step(size: int, part: NDArray[np.int_], place: int) -> Floats:
+    return ((np.arange(size) >= place) & (part == part[place])).astype(float)
 
-    Raises
-    ------
-    HistoryError
-        The residuals are structured, so that no line may be carried on, or the limit is not positive.
+
+def _squares(design: Floats, x: Floats) -> float:
+    residuals = _solved(design, x)[1]
+    return float(residuals @ residuals)
+
+
+def split_at(parts: ArrayLike, jumps: Sequence[int]) -> NDArray[np.int_]:
+    """Number the parts anew, a further one from each jump to the end of the part that it is in.
+
+    Examples
+    --------
+    >>> split_at([0, 0, 0, 1, 1], [1]).tolist()
+    [0, 1, 1, 2, 2]
     """
-    if not limit > 0:
-        raise HistoryError(f"a limit above 0 was needed, found {limit:g}")
-    if not drift.steady:
-        raise HistoryError(
-            f"the values do not follow a line (p = {drift.p_structure:.2g}): look for steps, and start after the last"
-        )
-
-    def spare(years: float) -> float:
-        forecast = drift.at(years)
-        return limit - abs(forecast.value - reference) - forecast.expanded(coverage).U
-
-    if spare(0.0) <= 0:
-        return Interval(0.0, "control chart", f"the next audit may lie beyond the limit {limit:.3g} already: audit now")
-    longest = min(drift.span_years, LONGEST_DAYS / YEAR_DAYS)
-    if spare(longest) > 0:
-        reason = f"the forecast stays within {limit:.3g} for as long as the history reaches back; no longer is claimed"
-        return Interval(longest * YEAR_DAYS, "control chart", reason)
-    years = float(optimize.brentq(spare, 0.0, longest))
-    rate, unit = drift.rate, drift.rate.unit
-    reason = f"a drift of {rate.value:+.3g} {unit} (u {rate.u:.2g}) and its forecast's U reach the limit {limit:.3g}"
-    return Interval(years * YEAR_DAYS, "control chart", reason)
+    part = np.asarray(parts, int)
+    begins = np.zeros(part.size, bool)
+    begins[1:] = np.diff(part) != 0
+    begins[list(jumps)] = True
+    return np.asarray(np.cumsum(begins))

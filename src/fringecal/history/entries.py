@@ -20,6 +20,7 @@ from fringecal.records import (
 )
 from fringecal.uncertainty import Estimate, en_score
 
+CHANGE, CHECK = "change of ", "check: "  # how the names of changes and of checks begin
 SEVERITY = ("info", "pass", "conditionalPass", "conditionalFail", "fail")
 
 
@@ -124,7 +125,7 @@ def _check_readings(checks: tuple[Check, ...], *, known: set[str]) -> Iterator[R
     for check in checks:
         if check.value is not None and check.name not in known:
             yield Reading(
-                f"check: {check.name}",
+                f"{CHECK}{check.name}",
                 check.value,
                 check.unit,
                 check.u,
@@ -166,7 +167,7 @@ def _of_audit(record: AuditRecord) -> Iterator[Reading]:
     """Give the changes since the calibration in force, under the names of their checks."""
     for change in record.changes:
         judged = (change.en, change.limit, change.decision)
-        yield Reading(f"change of {change.name}", change.value, change.unit, change.u, change.dof, None, None, *judged)
+        yield Reading(f"{CHANGE}{change.name}", change.value, change.unit, change.u, change.dof, None, None, *judged)
 
 
 _QUANTITIES: Mapping[str, Callable[[Any], Iterator[Reading]]] = {

@@ -1,6 +1,7 @@
-"""Evaluation of one rig's history: charts, drift and interval for each quantity, gauge studies from repeats."""
+"""Evaluation of one rig's history: charts, drift and next date for each quantity, gauge studies from repeats."""
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,17 +9,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from fringecal.errors import HistoryError
-from fringecal.history.charts import (
-    Baseline,
-    Chart,
-    baseline_of,
-    cusum_chart,
-    ewma_chart,
-    individuals_chart,
-    moving_range_chart,
-)
-from fringecal.history.drift import Drift, Interval, chart_interval, drift_of, staircase
+from fringecal.history.charts import Baseline, Chart, baseline_of, cusum_chart, ewma_chart
+from fringecal.history.drift import Drift, drift_of, jumps_of, split_at
+from fringecal.history.due import Due, beyond_the_limit, due_of
+from fringecal.history.entries import CHANGE, CHECK
+from fringecal.history.self_starting import self_starting_deviates, self_starting_individuals
 from fringecal.uncertainty import coverage_factor
+
+Floats = NDArray[np.float64]
+_STANDARD = Baseline(0.0, 1.0)  # of deviates
 
 
 @dataclass(frozen=True)
@@ -27,30 +26,49 @@ class Series:
 
     `values` are deviations from the certificate where there is one, else the values themselves; `U` their expanded
     uncertainties (95 %), NaN where none is stated. `limit` is the largest permissible distance from `reference`, None
-    where none is known.
+    where none is known. `calibrated` are the days at which the rig was calibrated, from the same origin as `days`.
+    `signed` tells a change, which chance leaves at nought on average, from an rms, which it never does.
     """
 
     quantity: str
     unit: str
     captured: tuple[str, ...]
-    days: NDArray[np.float64]
-    values: NDArray[np.float64]
-    U: NDArray[np.float64]
+    days: Floats
+    values: Floats
+    U: Floats
     certified: bool
     limit: float | None
     reference: float
+    calibrated: tuple[float, ...] = ()
+    signed: bool = True
+
+    @property
+    def change(self) -> bool:
+        """Whether the values are changes since the calibration in force, which a new one sets to zero."""
+        return self.quantity.startswith(CHANGE)
+
+    @property
+    def first_in_force(self) -> int:
+        """Index of the first record since the last calibration before the last record, of changes; else 0."""
+        before = [day for day in self.calibrated if day < self.days[-1]]
+        return int(np.searchsorted(self.days, max(before), side="right")) if self.change and before else 0
 
 
 @dataclass(frozen=True)
 class Review:
-    """Evaluation of one quantity's history; `notes` state what could not be determined, and why."""
+    """Evaluation of one quantity's history; `notes` state what could not be determined, and why.
+
+    `charts` begin at the record `first`; `jumps` are the times of capture from which on the level is another.
+    """
 
     series: Series
     baseline: Baseline | None
     charts: tuple[Chart, ...]
     drift: Drift | None
-    intervals: tuple[Interval, ...]
+    due: Due
     notes: tuple[str, ...]
+    first: int = 0
+    jumps: tuple[str, ...] = ()
 
     @property
     def alarms(self) -> tuple[str, ...]:
@@ -58,12 +76,51 @@ class Review:
         return tuple(chart.kind for chart in self.charts if chart.alarm)
 
     @property
-    def interval(self) -> Interval | None:
-        """The shorter of the suggested intervals."""
-        return min(self.intervals, key=lambda interval: interval.days, default=None)
+    def out(self) -> bool:
+        """Whether the last value is beyond the limit."""
+        series = self.series
+        return series.limit is not None and abs(float(series.values[-1]) - series.reference) > series.limit
 
 
-def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: float | None = None) -> Series:
+def reviews_of(
+    readings: pd.DataFrame,
+    quantities: Collection[str] = (),
+    *,
+    limit: float | None = None,
+    reference: float | None = None,
+    baseline: int | None = None,
+) -> tuple[Review, ...]:
+    """Review the quantities of one rig, each with all its records and the rig's calibrations.
+
+    Checks are left out unless they are named: a chance, a count or a score has a limit, but is no deviation that
+    drifts toward it, and judges the session that it was taken in.
+
+    Parameters
+    ----------
+    readings
+        Rows of `History.readings` for one rig, all quantities.
+    quantities
+        Those wanted; all but checks by default.
+    limit, reference, baseline
+        As for `series_of` and `review_series`.
+    """
+    named = set(readings["quantity"])
+    wanted = list(quantities) or sorted(name for name in named if not name.startswith(CHECK))
+    calibrated = tuple(sorted(set(readings[readings["kind"] == "calibration"]["captured"])))
+    series = (
+        series_of(readings[readings["quantity"] == one], limit=limit, reference=reference, calibrated=calibrated)
+        for one in wanted
+    )
+    return tuple(review_series(one, baseline=baseline) for one in series)
+
+
+def series_of(
+    readings: pd.DataFrame,
+    *,
+    limit: float | None = None,
+    reference: float | None = None,
+    calibrated: Collection[str] = (),
+) -> Series:
     """Take one quantity out of the table of readings of one rig.
 
     Parameters
@@ -71,9 +128,11 @@ def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: 
     readings
         Rows of `History.readings` for one rig and quantity.
     limit, reference
-        Largest permissible distance from the reference, in the quantity's unit. By default those of the last check;
+        Largest permissible distance from the reference, in the quantity's unit. By default that of the last record;
         of a certified quantity the root sum of squares of the expanded uncertainties of value and certificate (where
-        `en_score` is 1), about 0.
+        `en_score` is 1), about 0; of a check none.
+    calibrated
+        Times at which the rig was calibrated.
 
     Raises
     ------
@@ -85,77 +144,112 @@ def series_of(readings: pd.DataFrame, *, limit: float | None = None, reference: 
     for column in ("rig", "quantity", "unit"):
         if readings[column].nunique() > 1:
             raise HistoryError(f"one {column} was needed, found {', '.join(sorted(set(readings[column])))}")
-    numbers = readings[["value", "u", "dof", "reference", "u_reference", "limit"]].astype(float)
+    numbers = readings[["value", "u", "dof", "reference", "u_reference", "limit", "en"]].astype(float)
     numbers["U"] = numbers["u"] * [coverage_factor(dof) for dof in numbers["dof"].fillna(np.inf)]
     certified = bool(numbers["reference"].notna().all())
-    last, quantity = numbers.iloc[-1], str(readings["quantity"].iloc[0])
+    quantity = str(readings["quantity"].iloc[0])
     values = numbers["value"] - numbers["reference"] if certified else numbers["value"]
-    if limit is None:
-        both = math.hypot(last["U"], coverage_factor() * last["u_reference"])
-        limit = both if certified else float(last["limit"])
+    limit = _limit(numbers.iloc[-1], quantity, certified) if limit is None else limit
     days = pd.to_datetime(readings["captured"], utc=True, format="ISO8601")
+    made = pd.to_datetime(pd.Series(list(calibrated), dtype=object), utc=True, format="ISO8601")
     return Series(
         quantity,
         str(readings["unit"].iloc[0]),
         tuple(readings["captured"]),
-        np.asarray((days - days.iloc[0]).dt.total_seconds() / 86400, float),
+        _days(days, days.iloc[0]),
         np.asarray(values, float),
         np.asarray(numbers["U"], float),
         certified,
         limit if np.isfinite(limit) and limit > 0 else None,
         0.0 if reference is None else reference,
+        tuple(_days(made, days.iloc[0])),
+        bool(numbers["en"].notna().all()),
     )
 
 
+def _days(times: pd.Series, first: pd.Timestamp) -> Floats:
+    return np.asarray((times - first).dt.total_seconds() / 86400, float)
+
+
+def _limit(last: pd.Series, quantity: str, certified: bool) -> float:
+    """Return the limit of the last record; NaN where there is none that a deviation could reach."""
+    if certified:
+        return math.hypot(last["U"], coverage_factor() * last["u_reference"])
+    return math.nan if quantity.startswith(CHECK) else float(last["limit"])
+
+
 def review_series(series: Series, *, baseline: int | None = None) -> Review:
-    """Chart one quantity, fit its drift and suggest when to look again.
+    """Chart one quantity, fit its drift and say when to look again.
 
     Parameters
     ----------
     series
         The quantity.
     baseline
-        How many of the first values were in control; 20, or all where there are fewer.
+        How many of the first values, known to be in control, judge those after them; by default each value is judged
+        by all before it.
     """
     notes: list[str] = []
+    first = series.first_in_force
     control: Baseline | None = None
     charts: tuple[Chart, ...] = ()
     try:
-        control = baseline_of(series.values, size=baseline)
-        charts = _charts(series, control)
+        charts = _charts(series.values[first:], baseline)
+        control = baseline_of(series.values[first:], size=baseline)
     except HistoryError as error:
-        notes.append(f"no control chart: {error}")
-    if control and any(signal < control.size for chart in charts[:2] for signal in chart.signals):
+        notes.append(f"no control chart: {error}" + (" since the last calibration" if first else ""))
+    if baseline and any(signal < baseline for chart in charts for signal in chart.signals):
         notes.append("the baseline itself holds values beyond the limits: it was not in control")
-    drift = None
+    days, values, parts = _track(series)
+    jumps = jumps_of(days, values, parts=parts)
+    drift, due = _forecast(series, days, values, split_at(parts, jumps), len(jumps))
+    if drift is None:
+        notes.append(f"no drift: {due.reason}")
+    times = tuple(series.captured[int(np.searchsorted(series.days, days[k]))] for k in jumps)
+    return Review(series, control, charts, drift, due, tuple(notes), first, times)
+
+
+def _charts(values: Floats, baseline: int | None) -> tuple[Chart, ...]:
+    deviates = self_starting_deviates(values, size=baseline)
+    single = self_starting_individuals(values, size=baseline)
+    return single, ewma_chart(deviates, _STANDARD), cusum_chart(deviates, _STANDARD)
+
+
+def _track(series: Series) -> tuple[Floats, Floats, NDArray[np.int_]]:
+    """Return days, values and parts of all records: a calibration ends a part, and is itself a change of nought."""
+    if not (series.change or series.certified):
+        return series.days, series.values, np.zeros(len(series.days), int)
+    parts = np.searchsorted(np.asarray(series.calibrated), series.days, side="left")
+    if not (series.change and series.signed):
+        return series.days, series.values, parts
+    begun = [k for k in range(1, len(series.calibrated) + 1) if k in set(parts)]
+    days = np.concatenate([series.days, [series.calibrated[k - 1] for k in begun]])
+    values = np.concatenate([series.values, np.full(len(begun), series.reference)])
+    parts = np.concatenate([parts, np.array(begun, int)])
+    order = np.lexsort((days, parts))
+    return days[order], values[order], parts[order]
+
+
+def _forecast(
+    series: Series, days: Floats, values: Floats, parts: NDArray[np.int_], jumps: int
+) -> tuple[Drift | None, Due]:
+    """Fit the line through all records, and say when it reaches the limit."""
     try:
-        drift = drift_of(series.days, series.values, unit=series.unit)
+        drift = drift_of(days, values, parts=parts, unit=series.unit)
     except HistoryError as error:
-        notes.append(f"no drift: {error}")
-    intervals = _intervals(series, drift, notes)
-    return Review(series, control, charts, drift, intervals, tuple(notes))
-
-
-def _charts(series: Series, control: Baseline) -> tuple[Chart, ...]:
-    makers = (individuals_chart, moving_range_chart, ewma_chart, cusum_chart)
-    return tuple(make(series.values, control) for make in makers)
-
-
-def _intervals(series: Series, drift: Drift | None, notes: list[str]) -> tuple[Interval, ...]:
+        return None, _without_line(series, str(error))
     if series.limit is None:
-        notes.append("no interval: no limit is known for this quantity; state one")
-        return ()
-    found = []
-    gaps = np.diff(series.days)
-    if len(gaps) and gaps[-1] > 0:
-        ratio = abs(series.values[-1] - series.reference) / series.limit
-        found.append(staircase(float(gaps[-1]), [ratio]))
-    if drift is not None:
-        try:
-            found.append(chart_interval(drift, series.limit, reference=series.reference))
-        except HistoryError as error:
-            notes.append(f"no interval from the drift: {error}")
-    return tuple(found)
+        return drift, Due(None, "not enough to say", "no limit is known for this quantity; state one")
+    off = series.values - series.reference
+    return drift, due_of(series.days, off, series.limit, drift, reference=series.reference, jumps=jumps)
+
+
+def _without_line(series: Series, why: str) -> Due:
+    """Too few records: only one beyond its limit says anything."""
+    last = float(series.values[-1]) - series.reference
+    if series.limit is not None and abs(last) > series.limit:
+        return beyond_the_limit(last, series.limit, series.unit)
+    return Due(None, "not enough to say", why)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Control charts over time: individuals, moving range, EWMA and CUSUM above one another, and the drift."""
+"""Control charts over time: individuals, EWMA and CUSUM above one another, and the drift."""
 
 import numpy as np
 import pandas as pd
@@ -10,10 +10,9 @@ from fringecal.history import YEAR_DAYS, Chart, Review, Series
 from fringecal.report.style import AMBER, BAND_ALPHA, BLUE, GREEN, GREY, GUIDE_PT, INK, ORANGE, new_figure, styled
 
 _TITLES = {
-    "individuals": "Single values, limits at 3 sigma",
-    "moving range": "Moving range of two",
-    "EWMA": "Exponentially weighted moving average",
-    "CUSUM": "Cumulative sums, up and down",
+    "individuals": "Single values, within what those before them leave (3 sigma)",
+    "EWMA": "Exponentially weighted moving average of the deviates",
+    "CUSUM": "Cumulative sums of the deviates, up and down",
 }
 
 _AHEAD = 0.25  # of the years that the history spans: as far as its line is carried on
@@ -28,22 +27,19 @@ def control_charts(review: Review) -> Figure:
     Parameters
     ----------
     review
-        With charts; the shaded span is the baseline.
+        With charts.
     """
     figure = new_figure(8.0, 2.1 * len(review.charts) + 0.6)
     panels = figure.subplots(len(review.charts), 1, sharex=True, squeeze=False)[:, 0]
-    times = _times(review.series)
+    times = _times(review.series)[review.first :]
     for axes, chart in zip(panels, review.charts, strict=True):
         _draw(axes, times, chart)
         axes.set_title(_TITLES[chart.kind], loc="left")
         axes.set_ylabel(_label(review.series, chart), wrap=True)
-        if review.baseline and review.baseline.size:
-            axes.axvspan(times[0], times[review.baseline.size - 1], color=GREY, alpha=0.1, lw=0)
     _date_axis(panels[-1])
-    panels[0].plot([], [], color=GREY, alpha=0.3, lw=6, label="baseline")
     panels[0].plot([], [], color=ORANGE, ls="--", label="control limit")
     panels[0].plot([], [], color=ORANGE, marker="D", ls="", mfc="none", ms=8, label="beyond it")
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(review.series.quantity)
     return figure
 
@@ -117,9 +113,10 @@ def _times(series: Series) -> np.ndarray:
 
 
 def _label(series: Series, chart: Chart | None) -> str:
-    plain = "deviation" if series.certified else "value"
-    names = {"moving range": "range", "EWMA": "average", "CUSUM": "sum"}
-    return f"{names.get(chart.kind, plain) if chart else plain} / {series.unit or '1'}"
+    of_deviates = {"EWMA": "EWMA / sigma", "CUSUM": "CUSUM / sigma"}
+    if chart is not None and chart.kind in of_deviates:
+        return of_deviates[chart.kind]
+    return f"{'deviation' if series.certified else 'value'} / {series.unit or '1'}"
 
 
 def _date_axis(axes: Axes) -> None:
