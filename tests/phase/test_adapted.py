@@ -141,3 +141,18 @@ def test_phase_shifts_that_explain_the_frames_no_better_are_not_used(camera, rng
     # And where they are true they are used.
     wrong = shot(STEPS[3], camera, rng, errors_deg=(0, -6, 0))
     assert "deg were used" in demodulate_adapted(wrong, STEPS[3]).undone[0]
+
+
+@pytest.mark.parametrize(("fringe_px", "thinned"), [(48.0, True), (14.0, False)])
+def test_large_pictures_of_long_fringes_are_measured_on_fewer_pixels(fringe_px, thinned):
+    """Every second pixel of fringes of 48 px, and all of 14 px: the phase shifts are the true ones either way."""
+    v, u = np.mgrid[:400, :600].astype(float)
+    true = np.deg2rad([0.0, 124.0, 238.0])
+    noise = np.random.default_rng(8).standard_normal((3, *u.shape))
+    frames = 110 + 70 * np.cos(2 * np.pi * (u + 0.3 * v) / fringe_px + true[:, None, None]) + noise
+    rules = replace(adapted.ADAPTATION_RULES, most_pixels=6e4)
+    assert (adapted._thinning(frames, STEPS[3], None, rules) > 1) is thinned
+    found = demodulate_adapted(frames, STEPS[3], rules=rules).phase_shifts
+    apart = (found.phase_shifts_rad - found.phase_shifts_rad[0]) - true
+    assert np.abs(apart[1:] / found.u_rad[1:]).max() < 4.5  # of four, one in 40,000 draws is beyond
+    assert found.u_rad.max() < 0.01

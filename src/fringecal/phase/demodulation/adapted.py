@@ -6,13 +6,13 @@ corrected, is corrected; the rest is left as stated.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fringecal.errors import PhaseError
-from fringecal.numerics import TURN
+from fringecal.numerics import TURN, wrap
 from fringecal.phase.demodulation.blocks import RIPPLE_ORDERS, Block
 from fringecal.phase.demodulation.corrections import correct_phase_shifts
 from fringecal.phase.demodulation.demodulate import RESIDUAL_SHARE, PhaseMap, demodulate
@@ -25,6 +25,8 @@ from fringecal.phase.demodulation.waveform import Waveform, correct_gamma, phase
 
 LEAST_CHANGE_RAD = np.deg2rad(0.7)
 """Change of a phase shift from edge to edge below which it is not corrected: 0.003 rad of ripple at the edge."""
+_SAMPLES = 12  # of a fringe that thinned pictures keep: the sixth order of ripple has two of them
+_NO_RISE = 1e-3  # rad/px: a fringe of 6283 px, longer than pictures are
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,9 @@ class AdaptationRules:
     noise_ratio
         Scatter of the frames over a few fringes against what neighbouring pixels show, from which a note states
         that u(phase) is too small; the surface's own roughness makes less.
+    most_pixels
+        Pixels from which on only every second (third, ...) one of each row and column is measured on, where fringes
+        are still long then.
     """
 
     cost_rad: float = 0.003
@@ -53,6 +58,7 @@ class AdaptationRules:
     blocks_to_contradict: int = 12
     same_harmonic: float = 0.03
     noise_ratio: float = 2.0
+    most_pixels: float = np.inf
 
 
 ADAPTATION_RULES = AdaptationRules()
@@ -124,7 +130,12 @@ def demodulate_adapted(
         Frames and phase shifts that do not fit together, as in `demodulate`.
     """
     stated = np.asarray(phase_shifts_rad, np.float64).ravel()
-    phase_shifts, found_wave, blocks, notes = _measured(frames, stated, white_level)
+    step = _thinning(frames, stated, white_level, rules)
+    thinned = frames if step == 1 else np.asarray(frames)[:, ::step, ::step]
+    phase_shifts, found_wave, blocks, notes = _measured(thinned, stated, white_level)
+    if phase_shifts is not None and step > 1:
+        slopes = phase_shifts.gradient_rad_px / step, phase_shifts.u_gradient_rad_px / step
+        phase_shifts = replace(phase_shifts, gradient_rad_px=slopes[0], u_gradient_rad_px=slopes[1])
     scheme, undone, refused = _scheme(frames, stated, phase_shifts, white_level, rules)
     notes += refused
     change = np.zeros((stated.size, 2))
@@ -136,6 +147,27 @@ def demodulate_adapted(
     map_ = _demodulated(frames, scheme, change, shape_used, white_level)
     notes += caveats + smoothed_noise(map_, phase_shifts, rules=rules)
     return Adapted(map_, scheme, change, shape_used, phase_shifts, found_wave, undone + effects, notes)
+
+
+def _thinning(frames: ArrayLike, stated: NDArray, white_level: float | None, rules: AdaptationRules) -> int:
+    """Return which of the pixels of each row and column are measured on: every one, or fewer of long fringes."""
+    step = int(np.sqrt(np.prod(np.shape(frames)[1:]) / rules.most_pixels))
+    if step < 2:
+        return 1
+    grey = np.asarray(frames)
+    shortest = min(
+        _usual_period(strips, stated, white_level, axis)
+        for strips, axis in ((grey[:, :: 8 * step], 1), (grey[:, :, :: 8 * step], 0))
+    )
+    return max(1, min(step, int(shortest / _SAMPLES)))
+
+
+def _usual_period(strips: NDArray, stated: NDArray, white_level: float | None, axis: int) -> float:
+    """Return the length of most fringes along whole rows (axis 1) or columns (0), px; infinite where none are seen."""
+    map_ = demodulate(strips, stated, white_level=white_level, noise=Noise(1.0), max_residual=np.inf)
+    rises = wrap(np.diff(map_.phase, axis=axis))
+    known = np.abs(rises[np.isfinite(rises)])
+    return float(TURN / max(float(np.median(known)), _NO_RISE)) if known.size else np.inf
 
 
 def _measured(

@@ -15,6 +15,7 @@ _OWN = 1e9  # a pixel's own chi-squared is not limited
 _SHARED = 0.2  # of a pixel's allowance that each neighbour adds: their noise averages, a common ripple does not
 _REACH = 2  # px to each side that are averaged for an uncertain pixel: 25 px, whose noise is a fifth of one's
 _LEAST_NEIGHBOURS = 3  # of eight, within half a fringe: at a straight edge five are of the same surface
+_ROUNDING = 1e-5  # of a turn, far above that of single precision: a candidate too many costs nothing
 _LEAST_LEAD = 2  # votes: a lead of one is one noisy pixel
 
 
@@ -54,27 +55,57 @@ def orders(  # noqa: PLR0913, PLR0917 -- what the kernel takes
 ) -> tuple[NDArray[np.int16], NDArray[np.bool_]]:
     """Return the order of every pixel, -1 where open, and where the neighbours were asked."""
     found, asked = np.full(phi.shape, -1, np.int16), np.zeros(phi.shape, np.bool_)
-    over_bands(_orders, len(phi), phi, long, u_long, ratios, zeros, cycle, clear, most, found, asked)
+    codes = ratios[0] * np.arange(cycle) % 1
+    by_code = np.argsort(codes, kind="stable")
+    tables = codes[by_code], by_code
+    over_bands(_orders, len(phi), phi, long, u_long, ratios, zeros, tables, clear, most, found, asked)
     return found, asked
 
 
+@njit(inline="always")
+def _add_likely(phi, over, long, u_long, i, j, ratios, zeros, tables, bound, chi_squareds):  # type: ignore[no-untyped-def]
+    """Add the chi-squared, `bound` at most, of every order less `over` at a pixel to sums.
+
+    The first longer fringe alone puts most orders beyond the bound: those near its phase lie side by side once sorted.
+    """
+    codes, by_code = tables
+    here = (long[0, i, j] - zeros[0]) / TURN - ratios[0] * (phi / TURN + over)
+    reach = np.sqrt(bound) * u_long[0, i, j] / TURN + _ROUNDING
+    if not reach < 0.5:  # also where the first longer fringe is masked
+        for n in range(codes.size):
+            chi_squareds[n] += min(_chi_squared(phi, n + over, long, u_long, i, j, ratios, zeros), bound)
+        return
+    here -= np.floor(here)
+    k = np.searchsorted(codes, here - reach) if here >= reach else np.searchsorted(codes, here - reach + 1) - codes.size
+    chi_squareds += bound
+    for _ in range(codes.size):
+        turn = k // codes.size
+        if codes[k - turn * codes.size] + turn > here + reach:
+            break
+        n = by_code[k - turn * codes.size]
+        chi_squareds[n] += min(_chi_squared(phi, n + over, long, u_long, i, j, ratios, zeros), bound) - bound
+        k += 1
+
+
 @njit(nogil=True, cache=True)
-def _orders(first, last, phi, long, u_long, ratios, zeros, cycle, clear, most, found, asked):  # type: ignore[no-untyped-def]
+def _orders(first, last, phi, long, u_long, ratios, zeros, tables, clear, most, found, asked):  # type: ignore[no-untyped-def]
     """Decide the orders of some rows."""
     width = phi.shape[1]
+    # An order at the bound leaves the best one clear, or that one is not accepted.
+    bound = most * ratios.size + clear + 1
     for i in range(first, last):
-        chi_squareds = np.empty(cycle)
+        chi_squareds = np.empty(tables[0].size)
         for j in range(width):
             if not np.isfinite(phi[i, j]):
                 continue
-            for n in range(cycle):
-                chi_squareds[n] = _chi_squared(phi[i, j], n, long, u_long, i, j, ratios, zeros)
+            chi_squareds[:] = 0.0
+            _add_likely(phi[i, j], 0, long, u_long, i, j, ratios, zeros, tables, bound, chi_squareds)
             place, least, second = _best_two(chi_squareds)
             if second - least > clear and least < most * ratios.size:
                 found[i, j] = place
                 continue
             asked[i, j] = True
-            count = _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds)
+            count = _over_window(phi, long, u_long, ratios, zeros, tables, i, j, chi_squareds)
             place, least, second = _best_two(chi_squareds)
             # A ripple that all of them share fits no order well, but the right one far less than the others.
             fits = least < most * ratios.size * (1 + _SHARED * count) or second > _FAR_BETTER * least
@@ -83,10 +114,9 @@ def _orders(first, last, phi, long, u_long, ratios, zeros, cycle, clear, most, f
 
 
 @njit
-def _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds):  # type: ignore[no-untyped-def]
+def _over_window(phi, long, u_long, ratios, zeros, tables, i, j, chi_squareds):  # type: ignore[no-untyped-def]
     """Sum the chi-squared over the neighbours, each in the order that continues the pixel's own."""
     height, width = phi.shape
-    cycle = chi_squareds.size
     chi_squareds[:] = 0.0
     count = 0
     for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
@@ -96,11 +126,8 @@ def _over_window(phi, long, u_long, ratios, zeros, i, j, chi_squareds):  # type:
                 continue
             over = np.rint((phi[i, j] - there) / TURN)
             count += 1
-            weight = ratios.size * (1.0 if a != i or b != j else _OWN)
-            for n in range(cycle):
-                chi_squareds[n] += min(
-                    _chi_squared(there, n + over, long, u_long, a, b, ratios, zeros), _MOST_OF_ONE * weight
-                )
+            most = _MOST_OF_ONE * ratios.size * (1.0 if a != i or b != j else _OWN)
+            _add_likely(there, over, long, u_long, a, b, ratios, zeros, tables, most, chi_squareds)
     return count
 
 

@@ -41,7 +41,8 @@ class RasterCoordinate:
     falls
         Whether the phase falls where the coordinate rises.
     orders
-        How the orders were decided; None where one period alone numbers the whole picture.
+        How the orders were decided; None where one period alone numbers the whole picture, or where each pixel went
+        from period to period by itself.
     """
 
     px: NDArray[np.float64]
@@ -69,7 +70,10 @@ class RasterCoordinate:
 
     def sentence(self) -> str:
         """Say how the coordinate was found."""
-        how = "one period numbers the whole picture" if self.orders is None else self.orders.sentence()
+        alone = "one period numbers the whole picture"
+        if len(self.zeros_rad) > 1:
+            alone = f"orders from period to period of {len(self.zeros_rad)}, each pixel by itself"
+        how = alone if self.orders is None else self.orders.sentence()
         falls = "; the phase falls where the projector's pixels are counted up" if self.falls else ""
         return f"{how}; the periods meet again after {self.cycle_px:.4g} px of {self.extent_px:g}{falls}"
 

@@ -1,6 +1,7 @@
 """From the frames of nested periods to a coordinate of the projector in one pass, for pictures of many megapixels."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -25,6 +26,7 @@ def raster_of_frames(
     zeros_rad: Sequence[float] | None = None,
     falls: bool = False,
     noise: Noise | None = None,
+    white_level: float | None = None,
 ) -> RasterCoordinate:
     """Count projector pixels by frames of periods of which the longest spans the projector.
 
@@ -44,6 +46,8 @@ def raster_of_frames(
         Whether the phase falls along the axis.
     noise
         The camera's noise; by default estimated from the frames of the shortest period.
+    white_level
+        Grey value of saturation; by default the largest of an integer type.
 
     Notes
     -----
@@ -63,7 +67,9 @@ def raster_of_frames(
     zeros = np.zeros(len(frames)) if zeros_rad is None else np.asarray(zeros_rad, float)
     found = estimate_noise(frames[int(order[-1])], scheme) if noise is None else noise
     px, u_px = np.empty(frames[0].shape[1:]), np.empty(frames[0].shape[1:], np.float32)
-    periods = _arrays([frames[k] for k in order], scheme, np.asarray(periods_px, float)[order], zeros[order])
+    periods = _arrays(
+        [frames[k] for k in order], scheme, np.asarray(periods_px, float)[order], zeros[order], white_level
+    )
     rules = tuple(np.float32(x) for x in (-1 if falls else 1, (extent_px - 1) / 2, found.gain, found.read_sigma**2))
     over_bands(coordinates_in_rows, px.shape[0], tuple(frames[k] for k in order), periods, rules, px, u_px)
     longest = float(max(periods_px))
@@ -90,10 +96,12 @@ def _demanded(
     return [np.ascontiguousarray(f if kept else f.astype(np.float32)) for f in frames]
 
 
-def _arrays(frames: Sequence[NDArray], scheme: Scheme, periods: NDArray, zeros: NDArray) -> PeriodArrays:  # type: ignore[type-arg]
+def _arrays(
+    frames: Sequence[NDArray[Any]], scheme: Scheme, periods: NDArray[Any], zeros: NDArray[Any], white: float | None
+) -> PeriodArrays:
     """Return what the kernels need of each period."""
-    n, top = len(frames), np.inf
-    if np.issubdtype(frames[0].dtype, np.integer):
+    n, top = len(frames), np.inf if white is None else np.nextafter(np.float32(white), np.float32(-np.inf))
+    if white is None and np.issubdtype(frames[0].dtype, np.integer):
         top = float(np.iinfo(frames[0].dtype).max) - 1
     single = np.float32
     return PeriodArrays(

@@ -68,6 +68,14 @@ def _narrow(k, count, periods, rules, work, place):  # type: ignore[no-untyped-d
         place[1, j] = u if good else np.float32(np.nan)
 
 
+@njit(cache=True, error_model="numpy", fastmath=_FAST)
+def _back_on_raster(count, longest, middle, place):  # type: ignore[no-untyped-def]
+    """Undo what noise of the longest period does at the edges of a projector that it just spans: off by all of it."""
+    for j in range(count):
+        turns = np.rint((place[0, j] - middle) / longest)
+        place[0, j] -= longest * turns
+
+
 @njit(nogil=True, cache=True)
 def coordinates_in_rows(first, last, frames, periods, rules, px, u_px):  # type: ignore[no-untyped-def]
     """Write coordinates and their u of some rows; `rules` are sign, middle of the raster, and the noise's two parts."""
@@ -79,5 +87,6 @@ def coordinates_in_rows(first, last, frames, periods, rules, px, u_px):  # type:
             for k in range(len(frames)):
                 _sums(frames[k], i, start, count, periods.weights[k], work)
                 _narrow(k, count, periods, rules, work, place)
+            _back_on_raster(count, periods.period[0], rules[1], place)
             px[i, start : start + count] = place[0, :count]
             u_px[i, start : start + count] = place[1, :count]

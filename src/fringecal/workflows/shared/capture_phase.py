@@ -23,7 +23,8 @@ from fringecal.session import Capture
 
 # Pixels move by whole phase shifts all over a raster, where a mirror that turns does not; edges of a board's squares
 # would pass for shifts that change over the field.
-_RASTER_RULES = replace(ADAPTATION_RULES, change_rad=math.inf)
+# Of large pictures a million pixels hold a hundred blocks and more: phase shifts of a raster are the same everywhere.
+_RASTER_RULES = replace(ADAPTATION_RULES, change_rad=math.inf, most_pixels=1e6)
 
 BORDER_PX = 3  # what blurs or filters a picture lacks neighbours there, and a fringe's phase is pulled aside
 

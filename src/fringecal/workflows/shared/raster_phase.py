@@ -1,7 +1,7 @@
 """From a capture's fringes along the axes of a projector to the projector's pixel that lights each of the camera's."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,14 @@ from fringecal.phase import (
     PhaseMap,
     RasterCoordinate,
     Waveform,
+    demodulate,
     orders_by_gray,
     raster_by_gray,
     raster_coordinate,
+    raster_of_frames,
 )
 from fringecal.session import Capture, FringeAxis
-from fringecal.workflows.shared.capture_phase import adapted_set, shortest_period, why_masked
+from fringecal.workflows.shared.capture_phase import adapted_set, frames_of, shortest_period, why_masked
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,12 @@ class AxisPhase:
 
 
 def raster_of_capture(
-    capture: Capture, axis: str, *, like: RasterCoordinate | None = None, wave: Waveform | None = None
+    capture: Capture,
+    axis: str,
+    *,
+    like: RasterCoordinate | None = None,
+    wave: Waveform | None = None,
+    dark: bool = True,
 ) -> AxisPhase:
     """Count the projector's pixels along one axis by a capture's fringes.
 
@@ -48,6 +55,8 @@ def raster_of_capture(
         What another capture of the same rig gave: its phase zeros are used, and the phase falls if it does there.
     wave
         Waveform as found on another capture.
+    dark
+        Whether pixels count that are too dark to be numbered without their neighbours.
 
     Raises
     ------
@@ -63,13 +72,80 @@ def raster_of_capture(
     main = adapted_set(one, shortest, wave)
     if not main.map.valid.any():
         raise PhaseError(f"capture {capture.name!r}: no pixel carries fringes along {axis} ({why_masked(main.map)})")
-    maps = [main.map if k == shortest else adapted_set(one, k, main.wave).map for k in range(len(one.periods))]
     lit = lit_by_projector(capture)
     try:
-        raster = raster_of_maps(maps, one.axes[0], one.read_gray() if one.gray_paths else None, like=like)
+        raster = _by_steps(one, main, like, lit) if goes_by_steps(one, main) else None
+        if raster is None or (dark and _open_share(raster, main, lit) > _MOST_OPEN):
+            raster = _by_maps(one, main, like, lit)
     except PhaseError as error:
         raise PhaseError(f"capture {capture.name!r}, axis {axis}: {error}") from error
     return AxisPhase(axis, main, raster if lit is None else raster.within(lit))
+
+
+def _open_share(raster: RasterCoordinate, main: Adapted, lit: NDArray[np.bool_] | None) -> float:
+    """Return the share of the pixels that carry a phase, and are lit, whose coordinate is open."""
+    seen = main.map.valid if lit is None else main.map.valid & lit
+    return float(np.mean(~np.isfinite(raster.px[seen]))) if seen.any() else 0.0
+
+
+def goes_by_steps(capture: Capture, main: Adapted) -> bool:
+    """Tell whether `raster_of_frames` counts along a capture's only axis: nested periods, and frames as stated."""
+    axis = capture.axes[0]
+    nested = len(axis.periods_px) > 1 and max(axis.periods_px) >= axis.extent_px
+    bends = main.wave is not None and main.wave.matters(main.scheme)
+    return nested and not (capture.gray_paths or capture.repeat > 1 or main.undone or bends)
+
+
+def _by_maps(
+    one: Capture, main: Adapted, like: RasterCoordinate | None, lit: NDArray[np.bool_] | None
+) -> RasterCoordinate:
+    """Count by the phase maps of all periods, each with what its frames show to differ from what is stated."""
+    shortest = shortest_period(one)
+    maps = [main.map if k == shortest else adapted_set(one, k, main.wave).map for k in range(len(one.periods))]
+    # What the projector does not reach carries noise alone, and asks its neighbours for nothing.
+    maps = [each if lit is None else _within(each, lit) for each in maps]
+    return raster_of_maps(maps, one.axes[0], one.read_gray() if one.gray_paths else None, like=like)
+
+
+def _within(each: PhaseMap, lit: NDArray[np.bool_]) -> PhaseMap:
+    return replace(each, phase=np.where(lit, each.phase, np.float32(np.nan)))
+
+
+def _by_steps(
+    one: Capture, main: Adapted, like: RasterCoordinate | None, lit: NDArray[np.bool_] | None
+) -> RasterCoordinate:
+    """Count from period to period in one pass; zeros and direction that are not known are read on some pixels."""
+    axis, sets = one.axes[0], [frames_of(one, period=k) for k in range(len(one.periods))]
+    known = _constants(one, main, sets, like, lit)
+    found = raster_of_frames(
+        sets,
+        main.scheme,
+        axis.periods_px,
+        axis.extent_px,
+        zeros_rad=known.zeros_rad,
+        falls=known.falls,
+        noise=main.map.noise,
+        white_level=one.white_level,
+    )
+    per_rad = np.float32(min(axis.periods_px) / TURN)
+    return replace(found, u_px=main.map.sigma * per_rad).within(main.map.valid)
+
+
+def _constants(
+    one: Capture,
+    main: Adapted,
+    sets: Sequence[NDArray[np.generic]],
+    like: RasterCoordinate | None,
+    lit: NDArray[np.bool_] | None,
+) -> RasterCoordinate:
+    """Count on a thinned picture, for the zeros and the direction that hold for all of it."""
+    step = max(1, int(np.sqrt(main.map.phase.size / _SAMPLE)))
+    few = [
+        demodulate(frames[:, ::step, ::step], main.scheme, white_level=one.white_level, noise=main.map.noise)
+        for frames in sets
+    ]
+    few = few if lit is None else [_within(each, lit[::step, ::step]) for each in few]
+    return raster_of_maps(few, one.axes[0], like=like)
 
 
 def _raster_of_stated(capture: Capture, axis: str, like: RasterCoordinate | None) -> RasterCoordinate:
@@ -103,6 +179,8 @@ def _raster_of_stated(capture: Capture, axis: str, like: RasterCoordinate | None
     return raster if lit is None else raster.within(lit)
 
 
+_SAMPLE = 160_000  # pixels that the periods' zeros are read on: to a four-hundredth of the noise of one
+_MOST_OPEN = 0.005  # of the pixels with a phase that may stay open: edges and glare; more are a dark surface
 _LIT = 0.02  # of the white level, by which white must exceed black: less is what shadows scatter
 
 

@@ -203,7 +203,7 @@ def _measured(
 def _axis(capture: Capture, name: str, like: AxisPhase | None, wave: Waveform | None) -> AxisPhase:
     """Count along one axis as the first capture does: its zeros, its direction; with the plate's waveform, or its."""
     raster, own = (None, None) if like is None else (like.raster, _wave(like))
-    found = raster_of_capture(capture, name, like=raster, wave=own if wave is None else wave)
+    found = raster_of_capture(capture, name, like=raster, wave=own if wave is None else wave, dark=False)
     return found if like is None or found.raster.falls == like.raster.falls else _mirrored(found)
 
 
