@@ -52,6 +52,21 @@ def test_clean_captures_have_no_fault():
     assert named(drawn(np.random.default_rng(1))) == []
 
 
+@pytest.mark.parametrize("stated", [True, False])
+def test_poses_turned_away_scatter_as_their_phase_says_and_are_no_fault(stated):
+    rng = np.random.default_rng(14)
+    poses = drawn(rng)
+    for k in (2, 5):  # a fourth of the light pixels, a quarter of their light: coordinates four times as uncertain
+        lit = poses[k].projector_px + 0.03 * np.sqrt(4**2 - 1) * rng.standard_normal((63, 2))
+        poses[k] = dataclasses.replace(poses[k], projector_px=lit)
+    if stated:
+        poses = [
+            dataclasses.replace(pose, projector_u_px=0.12 if k in (2, 5) else 0.03) for k, pose in enumerate(poses)
+        ]
+    kinds = {kind for kind, _, _ in named(poses)}
+    assert kinds == (set() if stated else {RigFaultKind.POSE_SCATTERS})
+
+
 def test_a_stretched_print_is_told_with_its_size():
     ((kind, _, size),) = named(drawn(np.random.default_rng(2), stretch=0.008))
     assert kind is RigFaultKind.STRETCHED_PRINT

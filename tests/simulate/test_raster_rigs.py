@@ -1,6 +1,7 @@
 """Rigs with a raster projector: optics against OpenCV's, light against closed forms, sessions whole."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -17,6 +18,7 @@ from fringecal.simulate import (
     scene_of,
     simulate_raster_session,
 )
+from fringecal.simulate.scene.printed_patterns import ink_share, pattern_table
 from fringecal.simulate.tracing.raster_render import PER_PIXEL, pattern_profiles
 from fringecal.targets import parse_target
 
@@ -59,6 +61,22 @@ def test_points_are_seen_and_lit_where_opencv_projects_them(rig, diamond) -> Non
     lit = projected(points, truth["projector"], truth["rotation"], truth["shift_mm"])
     assert np.abs(lit - frames.projector_px.reshape(2, -1).T).max() < 1e-6
     assert truth["projector"][1] / truth["projector"][0] == (2.0 if diamond else 1.0)
+
+
+def test_a_keystone_correction_and_a_stretched_print_are_drawn_as_stated(rig) -> None:
+    frame = (0.9, 0.05, 4.0, 0.0, 1.1, -3.0, 0.0, 4e-4, 1.0)
+    changed = rig.at(projector={"frame": frame})
+    scene = scene_of(parse_target(rig.capture_named("pose-06").target))
+    capture = rig.capture_named("pose-06")
+    plain, turned = (render_raster(one, capture, scene, noise=False).projector_px for one in (rig, changed))
+    through = cv2.perspectiveTransform(plain.reshape(2, -1).T[None], np.reshape(frame, (3, 3)))[0]
+    assert np.abs(through.T.reshape(plain.shape) - turned).max() < 1e-9
+    # A print 1.25 times as long along x as it is high has its corners where the plain one has them at x / 1.25.
+    table = pattern_table(replace(scene.pattern, stretch=0.25))
+    plain_table = pattern_table(scene.pattern)
+    places = np.random.default_rng(1).uniform(-60, 60, (200, 2))
+    inks = [(ink_share(table, 1.25 * x, y, 1e-9), ink_share(plain_table, x, y, 1e-9)) for x, y in places]
+    assert all(one == other for one, other in inks)
 
 
 def test_a_flat_without_turn_faces_the_camera() -> None:

@@ -127,7 +127,7 @@ def posed_board(
         return PosedBoard(name, None, f"no board: {error}")
     corners = refined_corners(image, view.points_px)
     seen = np.isfinite(corners).all(axis=-1)
-    place, _ = _read_at(corners, raster, rules)
+    place, u = _read_at(corners, raster, rules)
     columns, rows = np.meshgrid(np.arange(corners.shape[1]), np.arange(corners.shape[0]))
     board = np.stack([columns, rows, 0 * rows], axis=-1).reshape(-1, 3).astype(np.float64) * view.spacing_mm
     lit = np.isfinite(place).any(axis=-1)
@@ -135,7 +135,7 @@ def posed_board(
     corners = np.where(lit[..., None], corners, np.nan)
     found = PosedBoard(
         name,
-        BoardPose(board, corners.reshape(-1, 2), place.reshape(-1, 2), name=name),
+        BoardPose(board, corners.reshape(-1, 2), place.reshape(-1, 2), projector_u_px=u.reshape(-1, 2), name=name),
         corners=int(seen.sum()),
         lit=int(lit.sum()),
         handed=_handed(corners[lit], place[lit]),

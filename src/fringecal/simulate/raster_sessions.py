@@ -4,7 +4,7 @@ import io
 import json
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -83,7 +83,10 @@ def take_raster(
     rig: RasterRigSpec, capture: RasterCaptureSpec, target: Target | None = None, *, seed: int = 0
 ) -> RasterFrames:
     """Take one capture: what it shows is put on its flat, and drawn."""
-    return render_raster(rig, capture, _scene(rig, target), seed=(seed, zlib.crc32(capture.name.encode())))
+    scene = _scene(rig, target)
+    if capture.stretch:
+        scene = replace(scene, pattern=replace(scene.pattern, stretch=capture.stretch))
+    return render_raster(rig, capture, scene, seed=(seed, zlib.crc32(capture.name.encode())))
 
 
 def _scene(rig: RasterRigSpec, target: Target | None) -> Scene:

@@ -322,7 +322,7 @@ def _value(
 
 def _scatter(s: Array, data: BoardData) -> tuple[float, float]:
     """Standard deviation of a coordinate in either device, px: median over poses, geometric mean over axes."""
-    stated = (data.camera_u, data.projector_u)
+    stated = (data.camera_u[data.in_camera], data.projector_u[data.in_projector])
     camera, projector = (float(np.median(s[:, k]) * np.exp(np.log(stated[k]).mean())) for k in (0, 1))
     return camera, projector
 

@@ -24,11 +24,12 @@ class RasterProjector(NamedTuple):
     focal_px: Two
     centre_px: Two
     lens: Five
+    frame: tuple[Three, Three, Three]
 
 
 @compiled
 def raster_point(projector: RasterProjector, x: float, y: float, z: float) -> tuple[float, float]:
-    """Column and row of the raster that light a point of the flat's frame, px, 0 at the centre of the first."""
+    """Column and row of the frame that light a point of the flat's frame, px, 0 at the centre of the first."""
     s, e = projector.position, projector.axes
     dx, dy, dz = x - s[0], y - s[1], z - s[2]
     depth = e[2][0] * dx + e[2][1] * dy + e[2][2] * dz
@@ -37,7 +38,10 @@ def raster_point(projector: RasterProjector, x: float, y: float, z: float) -> tu
     p = (e[0][0] * dx + e[0][1] * dy + e[0][2] * dz) / depth
     q = (e[1][0] * dx + e[1][1] * dy + e[1][2] * dz) / depth
     p, q = distort(p, q, projector.lens)
-    return projector.focal_px[0] * p + projector.centre_px[0], projector.focal_px[1] * q + projector.centre_px[1]
+    p, q = projector.focal_px[0] * p + projector.centre_px[0], projector.focal_px[1] * q + projector.centre_px[1]
+    f = projector.frame
+    over = f[2][0] * p + f[2][1] * q + f[2][2]
+    return (f[0][0] * p + f[0][1] * q + f[0][2]) / over, (f[1][0] * p + f[1][1] * q + f[1][2]) / over
 
 
 def flat_pose(capture: RasterCaptureSpec) -> tuple[np.ndarray, np.ndarray]:
@@ -87,7 +91,12 @@ def seen_from(rig: RasterRigSpec, capture: RasterCaptureSpec) -> tuple[Camera, R
     turn, moved = projector_pose(rig)
     place = rotation.T @ (-turn.T @ moved - shift)
     projector = RasterProjector(
-        _three(place), _rows(turn @ rotation), focal_lengths_px(rig), centre_px(rig), rig.projector.distortion
+        _three(place),
+        _rows(turn @ rotation),
+        focal_lengths_px(rig),
+        centre_px(rig),
+        rig.projector.distortion,
+        _rows(np.reshape(rig.projector.frame, (3, 3))),
     )
     return camera, projector
 

@@ -20,6 +20,9 @@ from fringecal.simulate.rig.rig_spec import (
 )
 
 Five = tuple[FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat]
+Nine = tuple[
+    FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat, FiniteFloat
+]
 Side = Annotated[int, Field(ge=8, le=20000)]
 RASTER_KINDS = Literal["board", "reference", "artefact", "object"]
 
@@ -54,7 +57,9 @@ class RasterProjectorSpec(Part):
     wide.
     `centre_px` is where the axis passes the raster (its middle by default), `distortion` Brown's. A pixel of level v
     emits `black + (1 - black) (v / 255)^gamma`; `blur_px` is the standard deviation of its image's blur. On a
-    `diamond` raster every second row lies half a column further on, and rows are half a column apart.
+    `diamond` raster every second row lies half a column further on, and rows are half a column apart. `frame`, a
+    homography by rows, leads from the raster's pixels to those of the frame that is sent: a scaler or a keystone
+    correction stands between, where it is not the identity.
     """
 
     columns: Side = 640
@@ -70,6 +75,7 @@ class RasterProjectorSpec(Part):
     gamma: Positive = 1.0
     black: Fraction = 0.002
     blur_px: NotNegative = 0.5
+    frame: Nine = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class FringesSpec(Part):
@@ -112,7 +118,8 @@ class RasterCaptureSpec(Part):
 
     The flat's origin is at `position_mm` of the camera's frame. With no turn it faces the camera, its x to the right
     and its y up in the picture; `turn_deg` turns it about the camera's x, then y, then z, through its origin.
-    `sheet_mm` is the size of the flat along its x and y; beyond it is dark. Without, it goes on.
+    `sheet_mm` is the size of the flat along its x and y; beyond it is dark. Without, it goes on. A print is longer by
+    `stretch`, relative, along its x than it is stated to be.
     """
 
     name: str
@@ -122,6 +129,7 @@ class RasterCaptureSpec(Part):
     position_mm: Point
     turn_deg: Point = (0.0, 0.0, 0.0)
     sheet_mm: tuple[Positive, Positive] | None = None
+    stretch: Annotated[float, Field(gt=-0.5, lt=0.5)] = 0.0
 
 
 class RasterRigSpec(Part):

@@ -34,6 +34,10 @@ class Pattern:
         Light lines on dark paper rather than dark on light.
     specks
         Shape (m, 3): x, y and radius of dirt, in the pattern's frame.
+    place
+        x and y of its middle on the flat, mm, and its turn, rad.
+    stretch
+        By how much its lengths along x are longer, relative; widths along x to the same order.
     """
 
     kind: int
@@ -47,6 +51,7 @@ class Pattern:
     light: bool = False
     specks: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stretch: float = 0.0
 
     def placed(self, x_mm: float, y_mm: float, angle_rad: float) -> "Pattern":
         """Turn the pattern about the plate's normal, then move it."""
@@ -77,6 +82,7 @@ class PatternTable(NamedTuple):
     sin: float
     x0: float
     y0: float
+    along_x: float
 
 
 def pattern_table(pattern: Pattern) -> PatternTable:
@@ -88,6 +94,7 @@ def pattern_table(pattern: Pattern) -> PatternTable:
         pattern.heavy_every, pattern.heavy_width_mm, pattern.asymmetric,
         np.ascontiguousarray(pattern.markers, bool), paper, ink,
         np.ascontiguousarray(pattern.specks, float), float(np.cos(angle)), float(np.sin(angle)), x0, y0,
+        1 + pattern.stretch,
     )  # fmt: skip
 
 
@@ -114,7 +121,7 @@ def _signed_depth(table: PatternTable, x: float, y: float, soft_mm: float) -> tu
     if table.kind == PLAIN and table.specks.shape[0] == 0:
         return -FAR_MM, FAR_MM
     dx, dy = x - table.x0, y - table.y0
-    px, py = table.cos * dx + table.sin * dy, -table.sin * dx + table.cos * dy
+    px, py = (table.cos * dx + table.sin * dy) / table.along_x, -table.sin * dx + table.cos * dy
     depth, edge = -FAR_MM, FAR_MM
     if table.kind == LINES:
         depth, edge = _lines(table, px, py, soft_mm)
