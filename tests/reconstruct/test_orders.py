@@ -18,6 +18,7 @@ from fringecal.reconstruct.orders.epipolar_lines import epipolar_lines
 from fringecal.reconstruct.orders.faint_edges import faint_edges
 from fringecal.reconstruct.orders.mixed_pixels import beside_breaks
 from fringecal.reconstruct.orders.outlined_parts import outlined_parts
+from fringecal.reconstruct.orders.plate_closeness import PlateCloseness
 from fringecal.reconstruct.orders.region_orders import Bounds, OrderBook, Passages, bounds_of
 from fringecal.reconstruct.orders.sinking import Depths
 from fringecal.simulate import render
@@ -118,6 +119,19 @@ def raised_disc(step_rad, darker=0.0):
     background = 100.0 * (1 - darker * disc) * (1 + 0.01 * rng.standard_normal(u.shape))
     ones = np.ones(u.shape, np.int32)
     return Regions(surface, ones, ones), background, np.hypot(u - 80, v - 80) < 15
+
+
+@pytest.mark.parametrize("bow_rad", [0.0, 0.15])
+def test_plate_lies_on_its_own_phase_as_closely_as_the_rest_of_it_does_and_a_top_does_not(bow_rad):
+    """Plate; more of it two fringes on; a top 0.3 rad off; the foot of a hill, of which an eighth has left the plate."""
+    rng = np.random.default_rng(4)
+    values = 0.02 * rng.standard_normal((120, 400)) + bow_rad * np.sin(np.arange(400) / 9)
+    cores = np.repeat(np.arange(1, 5), 100)[None].repeat(120, axis=0).astype(np.int32)
+    values[cores == 2] += 4 * np.pi
+    values[cores == 3] += 0.3 + (bow_rad > 0)
+    values[:15, 300:] += 1.5
+    close = PlateCloseness.of(Regions(values, cores, cores), main=1).within(8.0, 0.05)
+    assert close.tolist() == [False, True, True, False, True]
 
 
 @pytest.mark.parametrize(("step_rad", "darker"), [(0.15, 0.0), (-0.15, 0.0), (0.0, 0.1)])

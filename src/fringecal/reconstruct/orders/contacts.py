@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 
-CONTACT_SHARE = 0.4
-"""Least length of a border, px, over the root of the pixels that hang on it, their breadth: a wedge six times
+CONTACT_SHARE = 0.5
+"""Least length of a border, px, over the root of the pixels that hang on it, their breadth: a wedge four times
 as deep as it is broad still hangs on its foot."""
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
 from fringecal.phase import Regions
-from fringecal.reconstruct.orders.contacts import orders_by_contact
+from fringecal.reconstruct.orders.contacts import CONTACT_SHARE, orders_by_contact
 from fringecal.reconstruct.orders.epipolar_lines import EpipolarLines
 from fringecal.reconstruct.orders.faint_edges import faint_edges
 from fringecal.reconstruct.orders.line_evidence import (
@@ -33,6 +33,7 @@ from fringecal.reconstruct.orders.line_evidence import (
 )
 from fringecal.reconstruct.orders.outlined_parts import outlined_parts
 from fringecal.reconstruct.orders.piece_orders import plate_votes
+from fringecal.reconstruct.orders.plate_closeness import PlateCloseness
 from fringecal.reconstruct.orders.region_orders import (
     EVIDENCE_RULES,
     Bounds,
@@ -68,6 +69,13 @@ class DecisionRules:
         Share of a region's pixels that must lie on it for the region to be plate.
     grown_share
         The same among all of its pixels, also beside edges, for it to look like plate.
+    wide_scatters, wide_rad
+        How far from the plate's phase three quarters of a region's smooth pixels may lie for it to be plate: so many
+        times what the region that starts all scatters about it, and rad more, for what the plate may be off beyond
+        that. A top that is whole fringes high by chance is rarely so close.
+    smooth_share
+        Least share of the pixels of a grown region that must be smooth for evidence to decide it, but for the one that
+        starts all: what grows over more is no surface of its own.
     edge_lines
         Neighbouring lines that must show an inner edge: a line along a fold may see one by noise.
     surface_share
@@ -98,6 +106,9 @@ class DecisionRules:
     main_share: float = 0.02
     plate_share: float = 0.8
     grown_share: float = 0.6
+    wide_scatters: float = 8.0
+    wide_rad: float = 0.05
+    smooth_share: float = 0.4
     surface_share: float = 0.3
     part_share: float = 0.7
     faint_sigmas: float = 6.0
@@ -147,6 +158,11 @@ class PlateVotes:
         numbers = regions.labels if grown else regions.cores
         return cls(*plate_votes(regions.values, numbers, regions.number, TURN, rules.plate_pixels))
 
+    @property
+    def main(self) -> int:
+        """Number of the region that shows most of the plate."""
+        return int(np.argmax(self.counts))
+
 
 @dataclass(frozen=True)
 class Evidence:
@@ -161,7 +177,16 @@ class Evidence:
     bounds: Bounds
     whole: int
     plate: PlateVotes
+    closeness: PlateCloseness
     smooth: int
+    rough: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, regions: Regions, bounds: Bounds, whole: int, rules: DecisionRules) -> "Evidence":
+        """Add what of the regions looks like plate."""
+        plate = PlateVotes.of(regions, rules)
+        closeness = PlateCloseness.of(regions, plate.main)
+        return cls(regions, bounds, whole, plate, closeness, whole, np.zeros(regions.number + 1, np.bool_))
 
 
 @dataclass(frozen=True)
@@ -228,7 +253,9 @@ def decide_regions(
     """
     noise = NoiseLevels.of(sigma_rad, light, regions, rules)
     parts = outlined_parts(regions, background, sigma_rad)
-    evidence = replace(gathered(parts, light, lines, plate_at, noise, rules), smooth=regions.number)
+    evidence = gathered(parts, light, lines, plate_at, noise, rules)
+    rough = _rough(evidence, rules)
+    evidence = replace(evidence, smooth=regions.number, bounds=evidence.bounds.without(rough), rough=rough)
     borders = evidence.regions.borders(light)
     depths = Depths.of(evidence.regions, lines.rising, deepest_rad)
     book = OrderBook(evidence.regions.number, evidence.bounds)
@@ -239,6 +266,7 @@ def decide_regions(
         _start_at_plate(book, evidence, borders, depths, lines.rising, rules, doubtful)
     orders = lines.rising * _without_sunk(book.orders(), depths)
     orders[_ill_supported_parts(orders, evidence, borders, lines, rules)] = np.nan
+    orders[_torn_apart(orders, evidence, borders, rules)] = np.nan
     orders[0] = np.nan
     return DecidedRegions(evidence.regions, orders, book.low, book.high, lines.rising)
 
@@ -248,6 +276,31 @@ def _without_sunk(orders: Array, depths: Depths) -> Array:
     sunk = [r for r in (np.flatnonzero(np.isfinite(orders[1:])) + 1).tolist() if depths.impossible({r: int(orders[r])})]
     orders[sunk] = np.nan
     return orders
+
+
+def _rough(evidence: Evidence, rules: DecisionRules) -> NDArray[np.bool_]:
+    """Regions that are smooth over too little of what they grew over, but for the one that starts all."""
+    regions, number = evidence.regions, evidence.regions.number + 1
+    smooth, grown = (np.bincount(m.ravel(), minlength=number) for m in (regions.cores, regions.labels))
+    rough = smooth < rules.smooth_share * grown
+    rough[evidence.plate.main] = False
+    return np.asarray(rough)
+
+
+def _torn_apart(orders: Array, evidence: Evidence, borders: Ints, rules: DecisionRules) -> NDArray[np.bool_]:
+    """Regions that meet pixel by pixel along a border as long as would decide one, with orders that say an edge there.
+
+    One of both is wrong, or the border is an edge of whole fringes; only where one is the plate's does it say which.
+    """
+    sizes = np.bincount(evidence.regions.labels.ravel(), minlength=orders.size)
+    one, two, lacking, pairs = borders.T
+    torn = np.isfinite(orders)[one] & np.isfinite(orders)[two] & (orders[two] - orders[one] != lacking)
+    sure = evidence.closeness.within(rules.wide_scatters, rules.wide_rad) & (orders == -evidence.plate.levels)
+    torn &= ~sure[one] & ~sure[two]
+    found = np.zeros(orders.size, np.bool_)
+    for side in (one[torn], two[torn]):
+        found[side[pairs[torn] >= CONTACT_SHARE * np.sqrt(sizes[side])]] = True
+    return found
 
 
 def _ill_supported_parts(
@@ -298,6 +351,7 @@ def _start_at_plate(
     allowed = np.ones(numbers.size, np.bool_) if without is None else ~without
     whole, alone = ((numbers <= n) | free for n in (evidence.whole, evidence.smooth))
     plate = (counts >= np.maximum(rules.plate_pixels, rules.plate_share * sizes)) & alone & allowed
+    plate &= evidence.closeness.within(rules.wide_scatters, rules.wide_rad) & ~evidence.rough
     for region in np.argsort(-counts, kind="stable").tolist():
         if plate[region]:
             book.choose(region, -rising * int(levels[region]))
@@ -307,7 +361,7 @@ def _start_at_plate(
 
 def _chosen_main(book: OrderBook, plate: PlateVotes, rising: int, rules: DecisionRules) -> bool:
     """Give the region that shows most of the plate its order; return whether any shows enough of it."""
-    main = int(np.argmax(plate.counts))
+    main = plate.main
     enough = max(rules.plate_pixels, rules.main_share * plate.sizes[main])
     return bool(plate.counts[main] >= enough) and book.choose(main, -rising * int(plate.levels[main]))
 
@@ -330,7 +384,7 @@ def gathered(
         wrong |= other
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
-            return Evidence(regions, bounds, unsplit, plate, unsplit)
+            return Evidence.of(regions, bounds, unsplit, rules)
         if turn == 0 and wrong.any():
             changed = np.unique(found[wrong, FIRST]).astype(np.int64)
             regions = _cut_at_faint_edges(regions, changed, noise, rules)
@@ -345,7 +399,7 @@ def gathered(
         own, out = cut & ~whole & inside, whole & inside
         regions = _split(regions, own, out, changed, np.unique(found[wrong, FIRST]).astype(np.int64))
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
-    return Evidence(regions, bounds, unsplit, PlateVotes.of(regions, rules), unsplit)
+    return Evidence.of(regions, bounds, unsplit, rules)
 
 
 def _walked(
