@@ -123,7 +123,7 @@ def raised_disc(step_rad, darker=0.0):
 
 @pytest.mark.parametrize("bow_rad", [0.0, 0.15])
 def test_plate_lies_on_its_own_phase_as_closely_as_the_rest_of_it_does_and_a_top_does_not(bow_rad):
-    """Plate; more of it two fringes on; a top 0.3 rad off; the foot of a hill, of which an eighth has left the plate."""
+    """Plate; more of it two fringes on; a top 0.3 rad off; a hill's foot, of which an eighth has left the plate."""
     rng = np.random.default_rng(4)
     values = 0.02 * rng.standard_normal((120, 400)) + bow_rad * np.sin(np.arange(400) / 9)
     cores = np.repeat(np.arange(1, 5), 100)[None].repeat(120, axis=0).astype(np.int32)
