@@ -1,10 +1,13 @@
-"""What a commissioning judges beside its fit: repeats of the plate, frames, and artefacts that took no part in it."""
+"""What a commissioning judges beside its fit: repeats, frames, independent artefacts, what could be wrong unseen."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from fringecal.projector import ProjectorPosition, angles_at_origin
+from fringecal.records import DEFAULT_LIMITS
 from fringecal.records.limits import Limits
 from fringecal.session import load_session, write_session
 from fringecal.simulate import load_rig, simulate_session
@@ -12,6 +15,8 @@ from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.plate_repeats import plate_repeats
 from fringecal.workflows.commission.record import calibration_record
 from fringecal.workflows.commission.run import Commissioning, commission
+from fringecal.workflows.commission.testability import statements_tested, unseen_sentence
+from fringecal.workflows.shared import displaced
 from fringecal.workflows.shared.sections.report_parts import severest
 from fringecal.workflows.verify.checks import verified_checks
 from fringecal.workflows.verify.session_artefacts import Verified, verify_session
@@ -139,3 +144,76 @@ def test_rms_checks_state_their_uncertainty(found):
     check = check_named(commissioning_checks(found), "grid residual")
     assert check.u == pytest.approx(check.value / np.sqrt(2 * found.calibrated.result.camera.fit.dof))
     assert check.expanded == pytest.approx(1.96 * check.u, rel=1e-3)
+
+
+STRIPS = "height of the strips"
+
+
+def known_to(found, u_mm):
+    """The same session without bars, its projector's position stated with another uncertainty."""
+    result = found.calibrated.result
+    stated = ProjectorPosition(result.stated_projector.value_mm, np.full(3, u_mm))
+    other = replace(result, stated_projector=stated, origin=angles_at_origin(result.rig, stated))
+    return replace(
+        found,
+        calibrated=replace(found.calibrated, result=other),
+        angles=replace(found.angles, displacement=displaced(result.rig, stated)),
+        verified=Verified(),
+    )
+
+
+def strips_of(found):
+    (row,) = [row for row in statements_tested(found, DEFAULT_LIMITS) if row.name == STRIPS]
+    return row
+
+
+def test_strips_alone_scale_all_heights_and_no_position_worth_the_name_tells(found):
+    """One height of strips: heights go with it as 1:1, and a position known to 100 mm shows no error that matters."""
+    wide = known_to(found, 100.0)
+    row = strips_of(wide)
+    assert row.heights_rel == pytest.approx(1.0, rel=0.01)
+    assert row.height_percent > 5
+    checks = commissioning_checks(wide)
+    assert severest(checks) == "conditionalPass"
+    assert unseen_sentence(checks).startswith("Heights could be wrong by")
+    assert STRIPS in unseen_sentence(checks)
+
+
+@pytest.mark.parametrize("u_mm", [3.0, 30.0])
+def test_a_stated_position_shows_what_turns_the_angle_beyond_its_en(found, u_mm):
+    """``tan(a) = b / h``: a height off by dh/h turns the angle by sin(2 a) / 2 dh/h; En = 1 and 1.645 u are passed."""
+    stated = known_to(found, u_mm)
+    origin = stated.calibrated.result.origin
+    expanded = math.hypot(origin.angle.expanded().U, origin.theory.expanded().U)
+    shift_deg = expanded + 1.645 * math.hypot(origin.angle.u, origin.theory.u)
+    by_angle = math.radians(shift_deg) / (math.sin(2 * math.radians(origin.angle.value)) / 2)
+    row = strips_of(stated)
+    # The position across the line holds the angle, and one coordinate more: it shows no less.
+    assert row.error_rel <= by_angle * 1.02
+    assert row.error_rel > 0.6 * by_angle
+
+
+def test_bars_in_the_session_show_what_their_mean_error_shows(found):
+    pooled = found.verified.bars[0].errors.pooled
+    row = strips_of(found)
+    assert row.shown_by == "bars: mean error"
+    mean = np.nanmean(found.verified.bars[0].surface.z[np.isfinite(found.verified.bars[0].errors.error_mm)])
+    # Heights are scaled as the strips are; the mean error moves by the bars' mean height times that.
+    k = 1.96  # of many degrees of freedom
+    assert row.error_rel == pytest.approx((k + 1.645) * pooled.u_mm / mean, rel=0.05)
+    assert unseen_sentence(commissioning_checks(found)) == ""
+
+
+def test_the_laboratorys_limit_decides_and_the_record_says_so(found):
+    row = strips_of(found)
+    strict = Limits.model_validate({"format": 1, "commission": {"height_percent": 0.5 * row.height_percent}})
+    checks = commissioning_checks(found, strict)
+    (check,) = [c for c in checks if STRIPS in c.name]
+    assert check.decision == "conditionalPass"
+    record = calibration_record(found, limits=strict)
+    (kept,) = [one for one in record.unseen if one.name == STRIPS]
+    assert kept.height_percent == pytest.approx(row.height_percent)
+    assert kept.limit_percent == pytest.approx(0.5 * row.height_percent)
+    assert kept.error_percent == pytest.approx(100 * row.error_rel)
+    names = [one.name for one in record.unseen if not one.heights_rest_on_it]
+    assert names == ["certificate of bars"]

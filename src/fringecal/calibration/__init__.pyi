@@ -64,3 +64,12 @@ from .surfaces import (
 from .surfaces import (
     strips_on_plate as strips_on_plate,
 )
+from .statements_off import (
+    STATED_OFF as STATED_OFF,
+)
+from .statements_off import (
+    WrongStatement as WrongStatement,
+)
+from .statements_off import (
+    wrong_statements as wrong_statements,
+)

@@ -106,3 +106,6 @@ from .plate.plate_camera import (
 from .plate.plate_fit import (
     CameraFit as CameraFit,
 )
+from .plate.stated_effects import (
+    effects_of_statements as effects_of_statements,
+)

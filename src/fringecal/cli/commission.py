@@ -8,7 +8,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fringecal.cli.history import append_record, history_beside
-from fringecal.cli.shared.console import console, print_json
+from fringecal.cli.shared.console import print_json
 from fringecal.cli.shared.saving import LIMITS_HELP, demand_folder, print_outcome, progress
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
@@ -50,7 +50,12 @@ def commission(
         written_document,
     )
     from fringecal.session import load_session
-    from fringecal.workflows.commission import calibration_record, commission_report, is_board_session
+    from fringecal.workflows.commission import (
+        calibration_record,
+        commission_report,
+        is_board_session,
+        unseen_sentence,
+    )
     from fringecal.workflows.commission import commission as run
 
     demand_folder(out)
@@ -94,8 +99,9 @@ def commission(
         return
     origin = found.calibrated.result.origin
     scales = found.calibrated.result.camera.scales
-    console.print(_table(scales | {"angle": origin.angle, "apparent angle": origin.apparent}))
-    print_outcome(record.checks, (*record.notes, *found.advice.sentences[-1:], *kept), out)
+    table = _table(scales | {"angle": origin.angle, "apparent angle": origin.apparent})
+    said = (*record.notes, *found.advice.sentences[-1:], *kept)
+    print_outcome(record.checks, said, out, why=unseen_sentence(record.checks), table=table)
 
 
 def _table(estimates) -> Table:  # type: ignore[no-untyped-def]

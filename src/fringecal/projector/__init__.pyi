@@ -20,6 +20,9 @@ from .angle.angle_theory import (
     Displacement as Displacement,
 )
 from .angle.angle_theory import (
+    displaced_by as displaced_by,
+)
+from .angle.angle_theory import (
     displacement as displacement,
 )
 from .angle.angle_theory import (
@@ -72,6 +75,9 @@ from .angle.projection_angle import (
 )
 from .angle.projection_angle import (
     projection_angle as projection_angle,
+)
+from .angle.projection_angle import (
+    theoretical_angle as theoretical_angle,
 )
 from .board_rig.board_fit import (
     BoardRigFit as BoardRigFit,
@@ -135,6 +141,9 @@ from .height_models import (
 )
 from .joint_fit import (
     RigFit as RigFit,
+)
+from .joint_fit import (
+    fit_rig as fit_rig,
 )
 from .move_kinds import (
     STRIP_SETS as STRIP_SETS,

@@ -186,15 +186,14 @@ class Observations:
         def few(values: Sequence[Array]) -> tuple[Array, ...]:
             return tuple(v[c] if np.ndim(v) else v for v, c in zip(values, chosen, strict=True))
 
-        components = tuple(
-            tuple(replace(c, effect=few([c.effect] * len(chosen))[i]) for c in row)
-            for i, row in enumerate(self.components)
-        )
+        def thin(row: Sequence[UncertaintyComponent], points: NDArray[np.intp]) -> tuple[UncertaintyComponent, ...]:
+            return tuple(replace(c, effect=c.effect[points]) if np.ndim(c.effect) else c for c in row)  # type: ignore[index]
+
+        components = tuple(map(thin, self.components, chosen)) if self.components else ()
         relief = few(self.relief_mm) if self.relief_mm else ()  # type: ignore[arg-type]
         clusters = tuple(k[c] for k, c in zip(self.cluster, chosen, strict=True))
         parts = tuple(
-            None if row is None else tuple(replace(c, effect=few([c.effect] * len(chosen))[i]) for c in row)
-            for i, row in enumerate(self.parts)
+            None if row is None else thin(row, c) for row, c in zip(self.parts, chosen, strict=bool(self.parts))
         )
         return replace(
             self, u_px=few(self.u_px), v_px=few(self.v_px), phase_rad=few(self.phase_rad),

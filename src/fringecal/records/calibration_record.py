@@ -239,6 +239,20 @@ class AppearanceRecord(Part):
     scatter_contrast: float | None = Field(default=None, ge=0, description="as scatter_modulation")
 
 
+class UnseenErrorRecord(Part):
+    """How large an error of one statement this session would have shown, as an error of heights."""
+
+    name: str = Field(description="what is stated")
+    stated: EstimateRecord
+    error_percent: float | None = Field(
+        description="smallest error of the statement that a check shows with 95 %; null where none up to half of it"
+    )
+    height_percent: float = Field(description="largest height error by it, or by an error of half the statement")
+    limit_percent: float
+    shown_by: str = Field(description="the check that shows it; empty where none does")
+    heights_rest_on_it: bool = Field(description="false for the certificate of what was only verified on")
+
+
 class CalibrationRecord(Provenance):
     """The calibration of a rig, as written to ``calibration.json``."""
 
@@ -261,6 +275,10 @@ class CalibrationRecord(Provenance):
     )
     notes: tuple[str, ...] = ()
     advice: AdviceRecord | None = None
+    unseen: tuple[UnseenErrorRecord, ...] | None = Field(
+        default=None,
+        description="what a wrong statement could have done without showing; null in records of older versions",
+    )
     appearance: AppearanceRecord | None = Field(default=None, description="null in records of older versions")
     look: LookRecord | None = Field(default=None, description="the plate's picture; null in records of older versions")
 

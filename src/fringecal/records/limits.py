@@ -28,6 +28,7 @@ class CommissionLimits(_Table):
         0.10  # 1.6 % of a fringe: beyond it the plate is no plane, or frames do not belong together
     )
     grid_residual_px: Limit = 0.30  # six times what crossings are found to
+    height_percent: Limit = 2.0  # by a wrong statement; as the angle's u below allows by itself
     angle_u_deg: Limit = 0.5  # 1.8 % of a height at 50 deg
     angle_en: Limit = 1.0  # beyond 1 two numbers contradict each other (ISO 13528)
     height_en: Limit = 1.0  # likewise

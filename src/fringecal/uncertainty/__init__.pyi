@@ -19,6 +19,12 @@ from .coverage import (
 from .degrees_of_freedom import (
     effective_dof as effective_dof,
 )
+from .detection_limit import (
+    least_seen as least_seen,
+)
+from .detection_limit import (
+    shift_seen as shift_seen,
+)
 from .estimates import (
     COVERAGE as COVERAGE,
 )

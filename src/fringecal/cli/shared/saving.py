@@ -17,6 +17,8 @@ from fringecal.report import REPORT_FILE
 from fringecal.uncertainty import EXPANDED_BY, uncertainty_text, value_text
 
 if TYPE_CHECKING:
+    from rich.table import Table
+
     from fringecal.records import Check
 
 LIMITS_HELP = "Limits of acceptance; by default limits.toml beside the session's pictures, else fringecal's own."
@@ -63,8 +65,23 @@ def demand_folder(out: Path) -> None:
         ) from error
 
 
-def print_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path) -> None:
-    """Print what was found in sentences, then the verdict over all checks and where the report is.
+def print_outcome(
+    checks: Sequence["Check"], sentences: Sequence[str], out: Path, *, why: str = "", table: "Table | None" = None
+) -> None:
+    """Print the verdict over all checks, then what was found, the checks that stand in the way, and the report's place.
+
+    Parameters
+    ----------
+    checks
+        All that was judged.
+    sentences
+        What was found.
+    out
+        The results' folder.
+    why
+        What the verdict's line says first; by default what such a verdict means.
+    table
+        Headline numbers, shown after the verdict.
 
     Raises
     ------
@@ -74,13 +91,16 @@ def print_outcome(checks: Sequence["Check"], sentences: Sequence[str], out: Path
     from fringecal.workflows.shared import severest
 
     say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
-    for sentence in sentences:
-        say(sentence)
     failed = [check for check in checks if check.decision == "fail"]
     unproved = [check for check in checks if check.decision.startswith("conditional")]
     judged = sum(check.decision != "info" for check in checks)
     verdict = severest(checks)
-    say(f"{_VERDICTS[verdict]} ({judged} checks; {EXPANDED_BY})", style=_STYLES[verdict])
+    meaning = f"{_VERDICTS[verdict].partition(':')[0]}: {why}" if why else _VERDICTS[verdict]
+    say(f"{meaning} ({judged} checks; {EXPANDED_BY})", style=_STYLES[verdict])
+    if table is not None:
+        console.print(table)
+    for sentence in sentences:
+        say(sentence)
     for check in (*failed, *unproved):
         value = "" if check.value is None else f": {value_text(check.value, check.u)} {check.unit}".rstrip()
         value += f", u {uncertainty_text(check.u)}" if check.u else ""

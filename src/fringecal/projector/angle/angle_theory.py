@@ -84,6 +84,14 @@ class Displacement:
     def _or_else(self) -> str:
         return ", or ".join(("or the strips' height is not as stated", *self.others))
 
+    def significance(self, effect_mm: Array) -> float:
+        """Return the chi-squared (two degrees of freedom) of a displacement, (3,) mm, as far as it is seen.
+
+        ``d' C^-1 d``, d the displacement across the projector's line and C the covariance.
+        """
+        effect = (np.eye(3) - np.outer(self.line, self.line)) @ effect_mm
+        return float(effect @ np.linalg.pinv(self.covariance, rcond=_NEGLIGIBLE, hermitian=True) @ effect)
+
     def fraction(self, effect_mm: Array) -> float | None:
         """Return how much of a cause explains the displacement alone; None where no amount of it does, at 5 %.
 

@@ -1,17 +1,16 @@
 """The changes that an audit found, one by one: each with its uncertainty, En, detection limit, limit and outcome."""
 
-import functools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special, stats
+from scipy import stats
 
 from fringecal.projector import RigCalibration, angle_budget
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
-from fringecal.uncertainty import Estimate, en_score
+from fringecal.uncertainty import Estimate, en_score, least_seen
 from fringecal.workflows.audit.change_covariance import light_uncertainty
 from fringecal.workflows.audit.layout import CAMERA_QUANTITIES, PLATE_DEGREE, STRIPS_DEGREE, strip_step
 from fringecal.workflows.audit.observed import PlateFound, StripsFound, base_state
@@ -23,7 +22,6 @@ from fringecal.workflows.verify import artefact_checks, verification_checks
 Array = NDArray[np.float64]
 
 _MISSED = 0.05  # chance of not seeing a change as large as the detection limit
-_SHARES = (0.01, 1.0, 100)  # of the doubt's variance that may be at work: from, to, and how many are tried
 _SIGNIFICANT = 3.0  # uncertainties from which on the slope of an rms is that of the change, and not of its scatter
 _U_NOISE = 0.05  # relative repeatability of a noise estimate, of some hundred thousand pixels that texture disturbs
 
@@ -61,9 +59,9 @@ class Change:
     def detection_limit(self) -> float:
         """Smallest change that is seen with 95 % at the audit's chance of a false alarm.
 
-        Of n quantities compared as one, ``sqrt(lambda) u`` with the lambda of `least_seen`: whatever else changes
-        beside it, no change vector c with ``w . c`` of that size has a smaller ``c V^-1 c``. Alone: (z at the
-        chance + 1.645) u.
+        Of n quantities compared as one, ``sqrt(lambda) u`` with the lambda of `fringecal.uncertainty.least_seen`:
+        whatever else changes beside it, no change vector c with ``w . c`` of that size has a smaller ``c V^-1 c``.
+        Alone: (z at the chance + 1.645) u.
 
         Examples
         --------
@@ -72,26 +70,8 @@ class Change:
         (4.22, 6.48)
         """
         if self.compared:
-            return math.sqrt(least_seen(self.compared)) * self.found.u
+            return math.sqrt(least_seen(self.compared, CHANCE)) * self.found.u
         return float(stats.norm.ppf(1 - CHANCE / 2) + stats.norm.ppf(1 - _MISSED)) * self.found.u
-
-
-@functools.cache
-def least_seen(number: int) -> float:
-    """Least ``c V^-1 c`` of a change that the alarm over `number` quantities sees with 95 %, however little scatters.
-
-    V is the stated covariance; the real variance may be a share s of it. The alarm then sees s times a
-    noncentral chi-squared with lambda / s, and the lambda that passes the threshold with 95 % is largest where s is
-    about a third for twenty quantities: chance no longer lifts a change over the threshold, but still hides some.
-
-    Examples
-    --------
-    >>> round(least_seen(1) ** 0.5, 2), round(least_seen(19) ** 0.5, 2)
-    (4.22, 6.48)
-    """
-    share = np.linspace(*_SHARES)
-    needed = special.chndtrinc(special.chdtri(number, CHANCE) / share, number, _MISSED)
-    return float((share * needed).max())
 
 
 def changes_of(found: Audit, limits: Limits = DEFAULT_LIMITS) -> tuple[Change, ...]:

@@ -6,6 +6,8 @@ from fringecal.errors import RecordError
 from fringecal.records import (
     CalibrationRecord,
     Certificate,
+    Check,
+    Decision,
     Laboratory,
     Method,
     Statement,
@@ -72,13 +74,19 @@ def certificate_of(
         humidity_percent=_ends(lab.conditions.humidity_percent),
         groups=(*groups_of(record), *errors_of(verification)),
         conformities=tuple(conformity_of(check) for check in checks if check.value is not None),
-        decision=severest(checks),
+        decision=_decision(record, checks),
         methods=_methods(record, verification),
         standards=standards,
-        statements=tuple(_statements(lab, standards, missing)),
+        statements=(*_statements(lab, standards, missing), *_unseen(record)),
         software=record.software,
         record_sha256=sha256,
     )
+
+
+def _decision(record: CalibrationRecord, checks: Sequence[Check]) -> Decision:
+    """Return the severest outcome; no pass where the record does not say what a wrong statement could do unseen."""
+    found = severest(checks)
+    return "conditionalPass" if found == "pass" and record.unseen is None else found
 
 
 def _demand_same(record: CalibrationRecord, sha256: str, verification: VerificationRecord | None) -> None:
@@ -139,6 +147,22 @@ def _methods(record: CalibrationRecord, verification: VerificationRecord | None)
             "basic_conformity",
         ),
     )
+
+
+def _unseen(record: CalibrationRecord) -> Iterator[Statement]:
+    """State what of the statements on which heights rest was not proved."""
+    if record.unseen is None:
+        yield Statement(
+            "The record is of an older version and does not say which errors of what was stated (heights of artefacts, "
+            "pitch, camera) the session would have shown: conformity is conditional at best."
+        )
+        return
+    for one in record.unseen:
+        if one.heights_rest_on_it and one.height_percent > one.limit_percent:
+            yield Statement(
+                f"Conformity is conditional: nothing in the session shows whether the {one.name} is as stated to "
+                f"better than {one.height_percent:.2g} % of heights (limit {one.limit_percent:g} %)."
+            )
 
 
 def _standards(

@@ -82,3 +82,6 @@ from .run import (
 from .run import (
     judged_session as judged_session,
 )
+from .testability import (
+    unseen_sentence as unseen_sentence,
+)

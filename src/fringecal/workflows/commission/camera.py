@@ -64,6 +64,10 @@ def camera_knowledge(session: Session) -> CameraKnowledge:
     SessionError, RecordError, DetectionError, FitError
         As `fringecal.workflows.lens.known_lens`.
     """
-    stated = session.camera
-    height = None if stated.height_mm is None else stated.height_mm.estimate(Influence.CAMERA_HEIGHT, "mm")
-    return CameraKnowledge(height, stated.telecentric, known_lens(session))
+    return CameraKnowledge(stated_height(session), session.camera.telecentric, known_lens(session))
+
+
+def stated_height(session: Session) -> Estimate | None:
+    """Return the camera's height as the session states it, mm; None where it does not."""
+    stated = session.camera.height_mm
+    return None if stated is None else stated.estimate(Influence.CAMERA_HEIGHT, "mm")

@@ -9,9 +9,11 @@ from scipy import ndimage
 from fringecal.calibration import CONTRADICTS, Calibrated
 from fringecal.camera import ThesisScale
 from fringecal.numerics import robust_sd
-from fringecal.projector import DISPLACEMENT_PROBABILITY, strip_spacing
+from fringecal.projector import DISPLACEMENT_PROBABILITY
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, Influence, en_score
+from fringecal.workflows.commission.spacing import spacing_of
+from fringecal.workflows.commission.testability import statement_checks
 from fringecal.workflows.shared import judged_below, judged_en, rms_estimate
 from fringecal.workflows.verify import verified_checks
 
@@ -46,10 +48,8 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
             rule=f"verdict {camera.distortion.verdict}; corrected by the camera model",
         ),
     ]
-    stated = found.calibrated.session.camera.height_mm
-    if camera.height_seen is not None and stated is not None:
-        height = stated.estimate(Influence.CAMERA_HEIGHT, "mm")
-        checks.append(pitch_check(camera.height_seen, height, most=own.height_en))
+    if camera.height_seen is not None and found.height_stated is not None:
+        checks.append(pitch_check(camera.height_seen, found.height_stated, most=own.height_en))
     if camera.assumed_height is not None:
         assumed = camera.assumed_height
         rule = "not stated: a usual lens is assumed, within 60 %; state camera.height_mm"
@@ -75,7 +75,14 @@ def commissioning_checks(found: "Commissioning", limits: Limits = DEFAULT_LIMITS
             )
         )
     several = (*_repeats_checks(found, limits), *(_frames_check(one, limits) for one in found.diagnosed))
-    return (*checks, *_lamp_check(found), _heights_check(result), *several, *verified_checks(found.verified, limits))
+    return (
+        *statement_checks(found, limits),
+        *checks,
+        *_lamp_check(found),
+        *_heights_check(result),
+        *several,
+        *verified_checks(found.verified, limits),
+    )
 
 
 def _repeats_checks(found: "Commissioning", limits: Limits) -> tuple[Check, ...]:
@@ -126,34 +133,25 @@ def _lamp_check(found: "Commissioning") -> tuple[Check, ...]:
     )
 
 
-def _heights_check(result: Calibrated) -> Check:
-    """Compare the stated heights with each other, or say that nothing in the session can."""
-    name = "stated heights against one another"
+def _heights_check(result: Calibrated) -> tuple[Check, ...]:
+    """Compare the stated heights with each other, where there are artefacts beside plate and strips."""
     if not result.standards:
-        # Plate and strips alone fit any height of the strips equally well: a wrong one scales all heights.
-        known = result.origin.theory is not None
-        rule = (
-            "only the stated projector position confirms the strips' height; see the angle against theory"
-            if known
-            else "nothing in this session would show a wrong strip height; state projector.position_mm, or add an "
-            'artefact of known height with use = "calibration"'
-        )
-        return Check(name=name, value=0.0, decision="info" if known else "conditionalPass", rule=rule)
+        return ()
     largest = max((abs(float(v)) for changes in result.fit.height_changes_u for v in changes), default=0.0)
-    return Check(
-        name=name,
-        value=largest,
-        limit=CONTRADICTS,
-        decision="fail" if largest > CONTRADICTS else "pass",
-        rule="largest change of a stated height, in its standard uncertainties, that makes all heights agree",
+    return (
+        Check(
+            name="stated heights against one another",
+            value=largest,
+            limit=CONTRADICTS,
+            decision="fail" if largest > CONTRADICTS else "pass",
+            rule="largest change of a stated height, in its standard uncertainties, that makes all heights agree",
+        ),
     )
 
 
 def spacing_check(result: Calibrated, *, most: float = DEFAULT_LIMITS.commission.height_en) -> tuple[Check, ...]:
     """Compare the distance of the strips by the grid's scale with the stated one; none where too few are seen whole."""
-    both = result.strips.phase.valid & result.plate.phase.valid
-    step = np.where(both, result.strips.phase.phase.astype(np.float64) - result.plate.phase.phase, np.nan)
-    spacing = strip_spacing(result.strips.found, step, result.camera.fit.camera)
+    spacing = spacing_of(result)
     if spacing is None:
         return ()
     en = en_score(spacing.by_grid, spacing.stated)

@@ -17,6 +17,7 @@ from fringecal.uncertainty import EN_DEFINITION, Estimate
 from fringecal.workflows.commission.calibrated_session import CalibratedSession
 from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.commission.testability import MOST_OFF, Testability, statements_tested
 from fringecal.workflows.lens import lens_record
 from fringecal.workflows.shared import (
     appearance_of,
@@ -72,8 +73,21 @@ def calibration_record(
             *found.notes,
         ),
         advice=_advice_record(found.advice),
+        unseen=tuple(_unseen_record(one, limits) for one in statements_tested(found, limits)),
         appearance=appearance_of(found.calibrated.reference, result.camera.detection),
         look=look_record(result.rig.look),
+    )
+
+
+def _unseen_record(one: Testability, limits: Limits) -> record.UnseenErrorRecord:
+    return record.UnseenErrorRecord(
+        name=one.name,
+        stated=EstimateRecord.of(one.stated),
+        error_percent=100 * one.error_rel if one.error_rel <= MOST_OFF else None,
+        height_percent=one.height_percent,
+        limit_percent=limits.commission.height_percent,
+        shown_by=one.shown_by,
+        heights_rest_on_it=one.carries,
     )
 
 

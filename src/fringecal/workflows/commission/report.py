@@ -17,6 +17,8 @@ from fringecal.workflows.commission.checks import commissioning_checks
 from fringecal.workflows.commission.residual_section import residual_maps
 from fringecal.workflows.commission.rig_section import rig_section, strips_section
 from fringecal.workflows.commission.run import Commissioning
+from fringecal.workflows.commission.testability import unseen_sentence
+from fringecal.workflows.commission.unseen_table import unseen_tables
 from fringecal.workflows.grid import distortion_size
 from fringecal.workflows.lens import lens_section
 from fringecal.workflows.shared import (
@@ -62,7 +64,7 @@ def commission_report(
         verdict=Verdict(severest(checks), _sentence(found, checks)),
         facts=_facts(result),
         sections=(
-            Section("Checks", (), (checks_table(checks),)),
+            Section("Checks", (), (checks_table(checks), *unseen_tables(found, limits))),
             *camera_sections(result.camera, session.one("grid")),
             *_lens(result),
             angle_section(found.angles),
@@ -105,7 +107,8 @@ def _sentence(found: Commissioning, checks: tuple[Check, ...]) -> str:
     rms = f"{result.fit.rms_rad:.3f} rad"
     residual = f"One rig model fits plate and strips to {rms} rms; the strips' fringe order was decided."
     head = f"Not within its limit: {', '.join(failed)}." if failed else residual
-    return " ".join((head, result.origin.sentence, *found.verified.sentences))
+    unseen = unseen_sentence(checks)
+    return " ".join((*((unseen,) if unseen else ()), head, result.origin.sentence, *found.verified.sentences))
 
 
 def _facts(found: Calibrated) -> tuple[Fact, ...]:

@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fringecal.calibration import CameraKnowledge, WrongStatement, wrong_statements
 from fringecal.projector import Advice, advise
 from fringecal.session import Session
+from fringecal.uncertainty import Estimate
 from fringecal.workflows.commission.angle_findings import AngleFindings, angles_of
 from fringecal.workflows.commission.calibrated_session import CalibratedSession, calibrate_session
+from fringecal.workflows.commission.camera import stated_height
 from fringecal.workflows.commission.plate_repeats import PlateRepeats, plate_repeats
 from fringecal.workflows.shared import CaptureDiagnosis, assumption_sentences, diagnose_capture
 from fringecal.workflows.verify import Verified, verify_session
@@ -32,6 +35,8 @@ class Commissioning:
         Artefacts that took no part in the fit, measured with its result.
     advice
         The predicted uncertainty of heights, and the gain by one more artefact.
+    wrong
+        What would follow from each statement on which heights rest, if it were wrong.
     """
 
     calibrated: CalibratedSession
@@ -40,6 +45,12 @@ class Commissioning:
     repeats: PlateRepeats | None
     verified: Verified
     advice: Advice
+    wrong: tuple[WrongStatement, ...] = ()
+
+    @property
+    def height_stated(self) -> Estimate | None:
+        """The camera's height as the session states it, mm."""
+        return stated_height(self.calibrated.session)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -96,7 +107,15 @@ def judged_session(found: CalibratedSession, *, progress: Progress = lambda _: N
     verified = verify_session(found.session, result.rig, progress=progress)
     progress("gain by one more artefact")
     advice = advise(result.observations, result.camera.fit, result.fit, noise_rad=result.plate.noise_rad)
-    return Commissioning(found, angles, diagnosed, repeats, verified, advice)
+    progress("what wrong statements would have shown")
+    wrong = wrong_statements(result, _known(found))
+    return Commissioning(found, angles, diagnosed, repeats, verified, advice, wrong)
+
+
+def _known(found: CalibratedSession) -> CameraKnowledge:
+    """Return what was stated of the camera, with the lens as it was found."""
+    stated = found.session.camera
+    return CameraKnowledge(stated_height(found.session), stated.telecentric, found.result.camera.lens)
 
 
 def _examined(found: CalibratedSession) -> tuple[CaptureDiagnosis, ...]:
