@@ -49,6 +49,15 @@ from .standards import (
 from .standards import (
     Standard as Standard,
 )
+from .statements_off import (
+    STATED_OFF as STATED_OFF,
+)
+from .statements_off import (
+    WrongStatement as WrongStatement,
+)
+from .statements_off import (
+    wrong_statements as wrong_statements,
+)
 from .surfaces import (
     SURFACE_POINTS as SURFACE_POINTS,
 )
@@ -63,13 +72,4 @@ from .surfaces import (
 )
 from .surfaces import (
     strips_on_plate as strips_on_plate,
-)
-from .statements_off import (
-    STATED_OFF as STATED_OFF,
-)
-from .statements_off import (
-    WrongStatement as WrongStatement,
-)
-from .statements_off import (
-    wrong_statements as wrong_statements,
 )

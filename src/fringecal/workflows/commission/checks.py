@@ -137,10 +137,11 @@ def _heights_check(result: Calibrated) -> tuple[Check, ...]:
     """Compare the stated heights with each other, where there are artefacts beside plate and strips."""
     if not result.standards:
         return ()
+    name = "stated heights against one another"
     largest = max((abs(float(v)) for changes in result.fit.height_changes_u for v in changes), default=0.0)
     return (
         Check(
-            name="stated heights against one another",
+            name=name,
             value=largest,
             limit=CONTRADICTS,
             decision="fail" if largest > CONTRADICTS else "pass",

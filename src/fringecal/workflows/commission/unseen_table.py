@@ -17,19 +17,19 @@ def unseen_tables(found: Commissioning, limits: Limits) -> tuple[Table, ...]:
     """Tabulate each statement with the smallest error of it that would have shown."""
     rows = [
         {
-            "stated": one.name,
-            "value": f"{one.stated.value:.6g} {one.stated.unit}",
-            "smallest error that shows / %": f"{100 * one.error_rel:.2g}"
+            "quantity": one.name,
+            "stated value": f"{one.stated.value:.6g} {one.stated.unit}",
+            "detection limit / %": f"{100 * one.error_rel:.2g}"
             if one.error_rel <= MOST_OFF
             else f"> {100 * MOST_OFF:g}",
-            "height error by it / %": one.height_percent,
+            "as height error / %": one.height_percent,
             "limit / %": limits.commission.height_percent,
-            "shown by": one.shown_by or "no check",
-            "heights rest on it": "yes" if one.carries else "no",
+            "check": one.shown_by or "no check",
+            "use": "calibration" if one.carries else "verification",
         }
         for one in statements_tested(found, limits)
     ]
     if not rows:
         return ()
-    formats = {"height error by it / %": ".2g", "limit / %": ".2g"}
-    return (Table("What a wrong statement would have shown", pd.DataFrame(rows), _NOTE, formats),)
+    formats = {"as height error / %": ".2g", "limit / %": ".2g"}
+    return (Table("Detection limits of stated quantities", pd.DataFrame(rows), _NOTE, formats),)
