@@ -7,6 +7,7 @@ agree on one order with only a small step left: a fold does, an edge does not.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -41,7 +42,7 @@ class Regions:
     cores: NDArray[np.int32]
     labels: NDArray[np.int32]
 
-    @property
+    @cached_property
     def number(self) -> int:
         """How many regions there are."""
         return int(self.labels.max(initial=0))

@@ -182,9 +182,8 @@ class Evidence:
     rough: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, regions: Regions, bounds: Bounds, whole: int, rules: DecisionRules) -> "Evidence":
-        """Add what of the regions looks like plate."""
-        plate = PlateVotes.of(regions, rules)
+    def of(cls, regions: Regions, bounds: Bounds, whole: int, plate: PlateVotes) -> "Evidence":
+        """Add how closely the regions lie on the plate's phase."""
         closeness = PlateCloseness.of(regions, plate.main)
         return cls(regions, bounds, whole, plate, closeness, whole, np.zeros(regions.number + 1, np.bool_))
 
@@ -384,7 +383,7 @@ def gathered(
         wrong |= other
         edged = _entered_over_inner_edges(found, regions.cores.shape, rules)
         if not (wrong | edged).any():
-            return Evidence.of(regions, bounds, unsplit, rules)
+            return Evidence.of(regions, bounds, unsplit, plate)
         if turn == 0 and wrong.any():
             changed = np.unique(found[wrong, FIRST]).astype(np.int64)
             regions = _cut_at_faint_edges(regions, changed, noise, rules)
@@ -399,7 +398,7 @@ def gathered(
         own, out = cut & ~whole & inside, whole & inside
         regions = _split(regions, own, out, changed, np.unique(found[wrong, FIRST]).astype(np.int64))
     _, _, bounds = _walked(regions, light, lines, plate_at, noise)
-    return Evidence.of(regions, bounds, unsplit, rules)
+    return Evidence.of(regions, bounds, unsplit, PlateVotes.of(regions, rules))
 
 
 def _walked(

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from fringecal.numerics import TURN
 from fringecal.phase import Regions
+from fringecal.reconstruct.orders.sinking import sample_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_EVERY_PX = 3  # of the pixels along rows and columns are looked at
 _MOST_OFF_RAD = TURN / 4  # beyond which nothing is on the plate's phase
 
 
@@ -47,7 +47,7 @@ class PlateCloseness:
         main
             Number of the one that shows most of the plate.
         """
-        sample = np.s_[::_EVERY_PX, ::_EVERY_PX]
+        sample = sample_of(regions.cores.shape)
         labels = regions.cores[sample].ravel()
         off = regions.values[sample].ravel()[labels > 0]
         labels = labels[labels > 0]

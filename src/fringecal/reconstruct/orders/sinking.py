@@ -15,7 +15,13 @@ DEEPEST_RAD = -TURN / 7
 """Step of what counts as lying on the plate still: its form, noise, and what its capture may differ by."""
 SUNK_SHARE = 0.2
 """Share of the pixels below the lowest height at which an order cannot be right: fewer are noise and edges."""
-_EVERY_PX = 3  # of the pixels along rows and columns are looked at
+_EVERY_PX, _LOOKED_AT = 3, 500  # of the pixels along rows and columns, but no more rows than are needed
+
+
+def sample_of(shape: tuple[int, ...]) -> tuple[slice, slice]:
+    """Return every third pixel along rows and columns of a picture, and fewer of one with more than 1500 rows."""
+    every = slice(None, None, max(_EVERY_PX, shape[0] // _LOOKED_AT))
+    return every, every
 
 
 @dataclass(frozen=True)
@@ -39,7 +45,7 @@ class Depths:
         deepest_rad
             Step of the lowest that an object can be, rad, negative below the plate.
         """
-        sample = np.s_[::_EVERY_PX, ::_EVERY_PX]
+        sample = sample_of(regions.labels.shape)
         labels, values = regions.labels[sample].ravel(), rising * regions.values[sample].ravel()
         # Numbers of 16 bits, which most pictures' regions have, are sorted by radix.
         short = labels.astype(np.uint16) if regions.number <= np.iinfo(np.uint16).max else labels
