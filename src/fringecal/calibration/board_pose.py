@@ -12,7 +12,7 @@ from fringecal.detect import refined_corners
 from fringecal.errors import DetectionError
 from fringecal.numerics import robust_sd
 from fringecal.projector import BoardPose
-from fringecal.targets import Target
+from fringecal.targets import Charuco, Chessboard, Target
 
 Array = NDArray[np.float64]
 
@@ -97,6 +97,13 @@ class RasterMap:
     u_px: Array
 
 
+def _refined(image: NDArray[np.generic], corners: Array, target: Target) -> Array:
+    """Place the corners of squares anew; dots and crossings of lines are no such corners, and stay."""
+    if isinstance(target, Charuco):
+        return refined_corners(image, corners, marker_part=target.marker_mm.value / target.square_mm.value)
+    return refined_corners(image, corners) if isinstance(target, Chessboard) else corners
+
+
 def posed_board(
     name: str, image: NDArray[np.generic], target: Target, raster: RasterMap, *, rules: PoseRules = POSE_RULES
 ) -> PosedBoard:
@@ -125,7 +132,7 @@ def posed_board(
         view = board_view(image, target)
     except DetectionError as error:
         return PosedBoard(name, None, f"no board: {error}")
-    corners = refined_corners(image, view.points_px)
+    corners = _refined(image, view.points_px, target)
     seen = np.isfinite(corners).all(axis=-1)
     place, u = _read_at(corners, raster, rules)
     columns, rows = np.meshgrid(np.arange(corners.shape[1]), np.arange(corners.shape[0]))

@@ -122,7 +122,8 @@ def _charuco_corners(grey: Grey, board: cv2.aruco.CharucoBoard) -> tuple[FloatAr
     return np.reshape(np.asarray(corners, dtype=float), (-1, 2)), np.ravel(numbers).astype(np.int64)
 
 
-_REFINED_SHARE = 0.3  # of the distance of corners, that half a window reaches: its own squares, and no marker's edge
+_REFINED_SHARE = 0.3  # of the distance of corners, that half a window reaches: its own squares and no others' edges
+_BLUR_PX = 1.0  # by which half a window stays off the edges of markers
 _LEAST_HALF_PX = 2  # of a window: fewer pixels tell less than the search did
 _MOST_HALF_PX = 12  # of a window: a saddle's edges within it are straight, whatever the lens
 # That a corner may go: more, and it was drawn to another edge. Beside the edge of a lamp's light the search by sectors
@@ -130,7 +131,9 @@ _MOST_HALF_PX = 12  # of a window: a saddle's edges within it are straight, what
 _MOVES_PX, _MOVES_SHARE = 1.0, 0.12
 
 
-def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> FloatArray:
+def refined_corners(
+    image: npt.NDArray[np.generic], corners: FloatArray, *, marker_part: float | None = None
+) -> FloatArray:
     """Place found corners of squares by the gradients about them, which light that changes over the board moves less.
 
     Parameters
@@ -139,6 +142,8 @@ def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> Floa
         Grey picture, (H, W).
     corners
         Corners (rows, columns, 2), px as (u, v), NaN where hidden.
+    marker_part
+        Side of a marker over side of a square, of boards that have markers: windows stay off these.
 
     Notes
     -----
@@ -150,7 +155,8 @@ def refined_corners(image: npt.NDArray[np.generic], corners: FloatArray) -> Floa
     seen = np.isfinite(flat).all(axis=1)
     gaps = [np.linalg.norm(np.diff(corners, axis=axis), axis=-1) for axis in (0, 1)]
     least = min((float(np.nanquantile(gap, 0.05)) for gap in gaps if np.isfinite(gap).any()), default=0.0)
-    half = min(int(_REFINED_SHARE * least), _MOST_HALF_PX)
+    clear = np.inf if marker_part is None else (1 - marker_part) / 2 * least - _BLUR_PX
+    half = int(min(_REFINED_SHARE * least, clear, _MOST_HALF_PX))
     if half < _LEAST_HALF_PX or not seen.any():
         return corners
     found = flat.copy()

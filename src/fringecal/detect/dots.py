@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from fringecal.detect.boards import BRIGHTEST, DARKEST, MIN_SIDE_PX, NO_RANGE
+from fringecal.detect.dot_outlines import RAYS, outlined
 from fringecal.detect.grid.grid_search import FAMILIES, GridDetection, GridLine, Polarity
 from fringecal.detect.grid.line_points import LineStatus
 from fringecal.detect.grid.line_profile import LineProfile
@@ -98,7 +99,8 @@ def find_dot_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto"
 
     Notes
     -----
-    A centroid of the brightness above the ground, over the dot and its blurred edge. Under perspective the
+    The centre of the dot's outline without what specks hide of it, or the centroid of the brightness above the ground
+    over the dot and its blurred edge: whichever scatters less about its neighbours. Under perspective the
     image of a disc's centre is not the centroid of its image; for a dot of diameter d at distance z from a
     camera tilted by t the difference is about d^2 sin(t) / (4 z) on the plate, far below 0.01 px where dots
     are small.
@@ -126,12 +128,13 @@ def find_dot_grid(image: npt.NDArray[np.generic], *, polarity: Polarity = "auto"
         raise DetectionError(
             f"{len(site)} blobs are seen, but only {int(inside.sum())} of them form one square pattern of dots"
         )
-    points = _weighted_centres(pattern.sign * grey, pattern.stats)
-    site, points = site[inside] - site[inside].min(axis=0), points[inside]
-    clean = _between_neighbours(site, points)
-    site, points = site[clean] - site[clean].min(axis=0), points[clean]
+    bright = pattern.sign * grey
+    points, further, known = _steady_centres(bright, pattern)
+    site = site[inside]
+    clean = known & _between_neighbours(site - site.min(axis=0), points)
+    site, points, further = site[clean] - site[clean].min(axis=0), points[clean], further[clean]
     profile = LineProfile(pattern.diameter_px, 0.0)
-    return _detection(site, points, grey.shape, profile, "dark" if pattern.sign < 0 else "light")
+    return _detection(site, points, further, grey.shape, profile, "dark" if pattern.sign < 0 else "light")
 
 
 def _best_pattern(grey: npt.NDArray[np.float32], signs: tuple[int, ...]) -> _Pattern:
@@ -246,6 +249,26 @@ def _weighted_centres(bright: npt.NDArray[np.float32], stats: npt.NDArray[np.int
     return centres
 
 
+def _steady_centres(
+    bright: npt.NDArray[np.float32], pattern: _Pattern
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.bool_]]:
+    """Centres (n, 2) of the dots in the pattern, what to add to the u of each, px, and which are known at all.
+
+    By outlines where these scatter no more about their neighbours than centroids, else where a speck touches the dot.
+    """
+    site = pattern.site[pattern.inside] - pattern.site[pattern.inside].min(axis=0)
+    centroids = _weighted_centres(bright, pattern.stats[pattern.inside])
+    found = outlined(bright, centroids, pattern.diameter_px / 2)
+    scatter = _scatter_px(site, found.points)
+    by_outline = found.touched | (scatter <= _scatter_px(site, centroids))
+    further = scatter * np.sqrt(1 / np.maximum(found.kept, 1 / RAYS) - 1)
+    return (
+        np.where(by_outline[:, None], found.points, centroids),
+        np.where(by_outline, further, 0.0),
+        ~by_outline | found.known,
+    )
+
+
 def _indexed(points: FloatArray, seed: int) -> IntArray:
     """Index (column, row) of every dot, grown from one of them; the least integer where none was given."""
     tree = KDTree(points)
@@ -279,11 +302,16 @@ def _first_steps(points: FloatArray, tree: KDTree, middle: int) -> FloatArray:
 
 
 def _detection(
-    site: IntArray, points: FloatArray, shape: tuple[int, ...], profile: LineProfile, polarity: Literal["dark", "light"]
+    site: IntArray,
+    points: FloatArray,
+    further_u_px: FloatArray,
+    shape: tuple[int, ...],
+    profile: LineProfile,
+    polarity: Literal["dark", "light"],
 ) -> GridDetection:
     order = np.lexsort((site[:, 0], site[:, 1]))
     site, points = site[order], points[order]
-    sigma = np.full(len(points), _scatter_px(site, points))
+    sigma = np.hypot(_scatter_px(site, points), further_u_px[order])
     lines = [
         GridLine(family, k, points[pick, 0], points[pick, 1], sigma[pick], np.full(pick.sum(), int(LineStatus.OK)))
         for axis, family in ((1, FAMILIES[0]), (0, FAMILIES[1]))
@@ -298,15 +326,30 @@ def _detection(
 
 
 def _between_neighbours(site: IntArray, points: FloatArray) -> npt.NDArray[np.bool_]:
-    """Dots that lie midway between their neighbours along rows or along columns: dirt moves the others off both."""
+    """Dots that lie midway between their neighbours along rows or along columns: dirt moves the others off both.
+
+    Midway but for the bend that the dots around show too: perspective and lens, most at the board's rim.
+    """
     nodes = np.full((site[:, 1].max() + 3, site[:, 0].max() + 3, 2), np.nan)
     nodes[site[:, 1] + 1, site[:, 0] + 1] = points
-    bends = [
-        np.hypot(*np.moveaxis(nodes[1:-1, 1:-1] - 0.5 * (first + last), 2, 0))
+    bends = (
+        nodes[1:-1, 1:-1] - 0.5 * (first + last)
         for first, last in ((nodes[:-2, 1:-1], nodes[2:, 1:-1]), (nodes[1:-1, :-2], nodes[1:-1, 2:]))
-    ]
-    off = np.fmin(*bends)[site[:, 1], site[:, 0]]
+    )
+    off = np.fmin(*(np.hypot(*np.moveaxis(bend - _usual_around(bend), 2, 0)) for bend in bends))[site[:, 1], site[:, 0]]
     return ~(off > OFF_SCATTERS * np.nanmedian(off))
+
+
+def _usual_around(nodes: FloatArray) -> FloatArray:
+    """Median of a lattice's vectors (rows, columns, 2) over 3 x 3 of them, or as many as there are."""
+    rows, columns = nodes.shape[:2]
+    wide = np.pad(nodes, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+    around = np.stack([wide[k : k + rows, j : j + columns] for k in range(3) for j in range(3)])
+    ordered = np.sort(around, axis=0)  # what is missing comes last
+    count = np.isfinite(around).sum(axis=0)
+    middle = [np.maximum(count - 1 + k, 0) // 2 for k in (0, 1)]
+    low, high = (np.take_along_axis(ordered, place[None], axis=0)[0] for place in middle)
+    return np.asarray(0.5 * (low + high))
 
 
 def _scatter_px(site: IntArray, points: FloatArray) -> float:

@@ -16,6 +16,9 @@ _SHARED = 0.2  # of a pixel's allowance that each neighbour adds: their noise av
 _REACH = 2  # px to each side that are averaged for an uncertain pixel: 25 px, whose noise is a fifth of one's
 _LEAST_NEIGHBOURS = 3  # of eight, within half a fringe: at a straight edge five are of the same surface
 _ROUNDING = 1e-5  # of a turn, far above that of single precision: a candidate too many costs nothing
+_CONTINUES = 2.0  # rad, off what slope predicts: noise and curvature within it, a third of all phases outside
+_STEPS = 0.8  # rad, of neighbours off the slope: four times the noise of a difference that fringes of use have
+_LEAST_OF_ONE_ORDER = 0.9  # of the pixels around: fewer at an edge of the surface
 _LEAST_LEAD = 2  # votes: a lead of one is one noisy pixel
 
 
@@ -185,25 +188,80 @@ def hang_together(absolute, cycle_rad, most_rad):  # type: ignore[no-untyped-def
     return values, labels
 
 
-def chosen(known: Single, lower: Single) -> Single:
-    """Give open pixels `lower` or one fringe more, whichever more of the known pixels around them continue."""
+def continued(known: Single, lower: Single, slopes: Single, reach: int) -> Single:
+    """Give open pixels `lower` or one fringe more, where nearly all of the known pixels around continue one of them.
+
+    `slopes` (2, H, W) is how the phase rises along u and v, rad/px; pixels up to `reach` px away are asked. Beside an
+    edge of the surface only those are that hang together with the pixel by steps of the phase as the slope has them.
+    """
     result = known.copy()
-    over_bands(_choose, len(known), known, lower, result)
+    over_bands(_continue, len(known), known, lower, slopes, reach, result)
     return result
 
 
 @njit(nogil=True, cache=True)
-def _choose(first, last, known, lower, result):  # type: ignore[no-untyped-def]
-    """Choose in some rows."""
-    height, width = known.shape
+def _continue(first, last, known, lower, slopes, reach, result):  # type: ignore[no-untyped-def]
+    """Continue in some rows."""
+    width = known.shape[1]
+    side = 2 * reach + 1
+    asked, queue = np.zeros((side, side), np.bool_), np.empty(side * side, np.int64)
     for i in range(first, last):
         for j in range(width):
             if np.isfinite(known[i, j]) or not np.isfinite(lower[i, j]):
                 continue
-            votes = 0
-            for a in range(max(0, i - _REACH), min(height, i + _REACH + 1)):
-                for b in range(max(0, j - _REACH), min(width, j + _REACH + 1)):
-                    off = known[a, b] - lower[i, j]
-                    votes += (abs(off - TURN) < np.pi) - (abs(off) < np.pi)
-            if abs(votes) >= _LEAST_LEAD:
-                result[i, j] = lower[i, j] + TURN * (votes > 0)
+            asked[:] = True
+            order = _voted(known, lower, slopes, i, j, asked)
+            if order < 0:
+                _hanging(lower, slopes, i, j, asked, queue)
+                order = _voted(known, lower, slopes, i, j, asked)
+            if order >= 0:
+                result[i, j] = lower[i, j] + TURN * order
+
+
+@njit
+def _voted(known, lower, slopes, i, j, asked):  # type: ignore[no-untyped-def]
+    """Return 0 or 1 if nearly all of those that are asked say so, else -1; what fits neither is of another surface."""
+    height, width = known.shape
+    reach = asked.shape[0] // 2
+    votes = np.zeros(3, np.int64)
+    for a in range(max(0, i - reach), min(height, i + reach + 1)):
+        for b in range(max(0, j - reach), min(width, j + reach + 1)):
+            if not asked[a - i + reach, b - j + reach] or not np.isfinite(known[a, b]):
+                continue
+            off = known[a, b] - lower[i, j] - slopes[0, i, j] * (b - j) - slopes[1, i, j] * (a - i)
+            if abs(off) < _CONTINUES:
+                votes[0] += 1
+            elif abs(off - TURN) < _CONTINUES:
+                votes[1] += 1
+            else:
+                votes[2] += 1
+    order = 1 if votes[1] > votes[0] else 0
+    return order if votes[order] >= max(_LEAST_LEAD, _LEAST_OF_ONE_ORDER * votes.sum()) else -1
+
+
+@njit
+def _hanging(lower, slopes, i, j, asked, queue):  # type: ignore[no-untyped-def]
+    """Mark what hangs together with a pixel by steps of the wrapped phase that the slope explains."""
+    height, width = lower.shape
+    reach = asked.shape[0] // 2
+    side = asked.shape[1]
+    asked[:] = False
+    asked[reach, reach] = True
+    queue[0], first, last = reach * side + reach, 0, 1
+    while first < last:
+        a, b = queue[first] // side, queue[first] % side
+        first += 1
+        here = lower[i + a - reach, j + b - reach]
+        for da, db in ((-1, 0), (1, 0), (0, -1), (0, 1)):
+            c, d = a + da, b + db
+            if not (0 <= c < side and 0 <= d < side) or asked[c, d]:
+                continue
+            v, u = i + c - reach, j + d - reach
+            if not (0 <= v < height and 0 <= u < width):
+                continue
+            off = lower[v, u] - here - slopes[0, i, j] * db - slopes[1, i, j] * da
+            off -= TURN * np.rint(off / TURN)
+            if abs(off) < _STEPS:
+                asked[c, d] = True
+                queue[last] = c * side + d
+                last += 1
