@@ -4,6 +4,7 @@ import contextlib
 import json
 import re
 import threading
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 
 from fringecal.cli.app import main
 from fringecal.history.entries import Entry, Reading, read_entry
+from fringecal.history.review import reviews_of
+from fringecal.history.standing import standing_of
 from fringecal.history.store import open_history
 from fringecal.report.pages.dashboard import rigs_page
 
@@ -31,7 +34,9 @@ def reports(calibration, reconstructed, tmp_path_factory) -> dict[str, Path]:
         history.append([entry(number) for number in range(24)])
     main_ends(["history", "chart", "--db", str(folder / "history.db"), "--out", str(folder / "history")])
     with open_history(folder / "history.db") as history:
-        (folder / "dashboard.html").write_text(rigs_page(history.entries(), "history.db"), encoding="utf-8")
+        standing = {"bench-1": standing_of(reviews_of(history.readings()))}
+        page = rigs_page(history.entries(), "history.db", standing, now=datetime(2027, 1, 1, tzinfo=UTC))
+        (folder / "dashboard.html").write_text(page, encoding="utf-8")
     return {
         "dashboard": folder / "dashboard.html",
         "commission": calibration / "report.html",
@@ -210,6 +215,22 @@ def test_a_measured_surface_is_read_and_turned(listening, reconstructed, photogr
     figure.scroll_into_view_if_needed()
     photograph(page, "surface-turned")
     assert [line for line in said if line.startswith(("error", "http"))] == []
+
+
+def test_every_served_page_keeps_its_policy(listening, two_calibrations):
+    """Home, rig, charts, record: nothing that the policy forbids is tried, and nothing is wider than a telephone."""
+    page, said = listening
+    address, rig = two_calibrations
+    for links in ([], [rig], [rig, "Charts, drift and due dates"], [rig, "2026-02-01 08:00"]):
+        page.goto(address)
+        for link in links:
+            page.get_by_role("link", name=link, exact=True).click()
+        for width in WIDTHS_PX:
+            page.set_viewport_size({"width": width, "height": 900})
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, links
+            readable_for_everybody(page, f"{links} at {width} px")
+    assert page.get_by_role("heading", level=2).first.inner_text() == "Checks"
+    assert [line for line in said if not line.startswith(address)] == []
 
 
 def test_the_dashboard_leads_to_a_comparison(listening, two_calibrations, photograph):

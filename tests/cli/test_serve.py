@@ -21,7 +21,7 @@ NASTY = "<b>rig</b>/../2 & more"
 
 def entry(number: int, rig: str, kind: str, decision: str = "pass") -> Entry:
     day = f"2026-{1 + number:02d}-01T08:00:00+00:00"
-    readings = (Reading("scale, mean", 0.734 + 1e-5 * (number % 3), "mm/px", 1e-5),)
+    readings = (Reading("scale, mean", 0.734 + 1e-5 * (0, 2, 1, 1, 2, 0)[number % 6], "mm/px", 1e-5),)
     return Entry(rig, kind, day, day, f"{number:064x}", decision, readings, document=f'{{"number": {number}}}')
 
 
@@ -42,15 +42,52 @@ def client(db):
     return dashboard(db).test_client()
 
 
-def test_rigs_with_their_last_audit(client):
+def facts_of(card: str) -> dict[str, str]:
+    """What a rig's card says, without its links."""
+    pairs = re.findall(r"<dt>(.*?)</dt><dd>(.*?)</dd>", card, flags=re.DOTALL)
+    return {name: re.sub("<.*?>", "", text) for name, text in pairs}
+
+
+def test_rigs_with_how_they_stand_the_worst_first(client):
     page = client.get("/")
     assert page.status_code == 200
-    rows = re.findall(r"<tr>(.*?)</tr>", page.text, flags=re.DOTALL)
-    (bench,) = [row for row in rows if "bench-1" in row]
-    assert re.findall(r"<td>(.*?)</td>", bench) == [
-        "6", "2026-06-01 08:00", "pass", "2026-01-01 08:00", "2026-06-01 08:00", "pass"
-    ]  # fmt: skip
+    failed, bench = re.findall(r'<section class="verdict.*?</section>', page.text, flags=re.DOTALL)
+    assert "Last record failed" in failed
+    assert 'class="verdict fail"' in failed
+    assert "bench-1" in bench
+    assert "In control" in bench
+    assert facts_of(bench) == {
+        "Out": "nothing",
+        "Alarm": "none",
+        "Trend": "steady",
+        "Due": "not enough to say",  # of a scale no limit is known
+        "Last audit": "2026-06-01 08:00, pass",
+        "Last calibration": "2026-01-01 08:00, pass",
+        "Records": "6",
+    }
     assert "<b>rig" not in page.text
+
+
+def test_a_rig_out_of_its_limit_and_one_overdue(tmp_path):
+    """Eight audits of a change with a limit of 0.3 %: the last at 0.41 %; and eight small ones, long ago."""
+    from fringecal.cli.serve import dashboard
+
+    scatter = (0.02, -0.01, 0.0, 0.01, -0.02, 0.01, 0.0)
+    with open_history(tmp_path / "out.db") as history:
+        for rig, last in (("out", 0.41), ("old", -0.01)):
+            for month, change in enumerate((*scatter, last), start=1):
+                day = f"2024-{month:02d}-01T08:00:00+00:00"
+                reading = Reading("change of height scale", change, "%", 0.02, en=change / 0.04, limit=0.3)
+                number = f"{month + 100 * (rig == 'old'):064x}"
+                history.append([Entry(rig, "audit", day, day, number, "pass", (reading,))])
+    page = dashboard(str(tmp_path / "out.db")).test_client().get("/").text
+    out, old = re.findall(r'<section class="verdict.*?</section>', page, flags=re.DOTALL)
+    assert "Out of its limit" in out
+    assert "+0.410 % at the last record, limit 0.3 %" in facts_of(out)["Out"]
+    assert facts_of(out)["Due"] == "now, by change of height scale"
+    assert "EWMA" in facts_of(out)["Alarm"] or "individuals" in facts_of(out)["Alarm"]
+    assert "Overdue" in old
+    assert facts_of(old)["Due"].startswith("overdue since 20")
 
 
 def test_every_link_of_every_page_leads_somewhere(client):
@@ -65,7 +102,8 @@ def test_every_link_of_every_page_leads_somewhere(client):
             todo += sorted(found - seen - set(todo))
     assert f"/record/{1:064x}" in seen
     assert "/report?name=bench-1" in seen
-    assert client.get(f"/record/{1:064x}").json == {"number": 1}
+    assert f"/record/{1:064x}.json" in seen
+    assert client.get(f"/record/{1:064x}.json").json == {"number": 1}
 
 
 @pytest.fixture
@@ -98,6 +136,14 @@ def test_two_calibrations_are_chosen_on_the_rigs_page(choosing):
         (second, ""), (first, " selected"), (second, " selected"), (first, "")
     ]  # fmt: skip
     assert '<form action="/compare" method="get">' in page
+    record = client.get(f"/record/{first}")
+    assert record.mimetype == "text/html"
+    checks = json.loads(ARCHIVE.read_text(encoding="utf-8"))["checks"]
+    assert all(html.escape(check["name"], quote=False) in record.text for check in checks)
+    outcomes = re.findall(r'<tr class="(\w+)">', record.text)
+    worst = ("fail", "conditionalFail", "conditionalPass", "info", "pass")
+    assert outcomes == sorted((check["decision"] for check in checks), key=worst.index)
+    assert "projection angle" in record.text
     assert "<form" not in client.get("/rig?name=another").text  # one calibration has nothing beside it
 
 

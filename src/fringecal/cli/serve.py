@@ -21,7 +21,9 @@ from fringecal.serve import LOOPBACK, SANDBOX, STRANGERS_BYTES, Bounds, guard, w
 
 if TYPE_CHECKING:
     import flask
+    import pandas as pd
 
+    from fringecal.history import Standing
     from fringecal.serve import Desk
 
 HELP = """Show the history in a browser, and check and run sessions there.
@@ -178,20 +180,29 @@ def _routes(app: "flask.Flask", db: str, desk: str) -> None:
     @app.get("/")
     def rigs() -> str:
         with open_history(db, create=False) as history:
-            return rigs_page(history.entries(), history.name, desk=desk)
+            entries, readings, name = history.entries(), history.readings(), history.name
+        standings = {str(rig): _standing(readings[readings["rig"] == rig]) for rig in set(entries["rig"])}
+        return rigs_page(entries, name, standings, now=datetime.now(UTC), desk=desk)
 
     # Names of rigs are free text: as a query they may hold slashes.
     @app.get("/rig")
     def one() -> str:
         rig = flask.request.args.get("name", "")
-        return rig_page(rig, _entries(db, rig))
+        entries = _entries(db, rig)
+        with open_history(db, create=False) as history:
+            standing = _standing(history.readings(rig))
+        return rig_page(rig, entries, standing, now=datetime.now(UTC))
 
     @app.get("/report")
     def report() -> "flask.Response":
         return _scripted(_report(db, flask.request.args.get("name", "")))
 
     @app.get("/record/<sha256>")
-    def record(sha256: str) -> "flask.Response":
+    def record(sha256: str) -> str:
+        return _record(db, sha256)
+
+    @app.get("/record/<sha256>.json")
+    def record_text(sha256: str) -> "flask.Response":
         return flask.Response(_document(db, sha256), mimetype="application/json")
 
     @app.get("/compare")
@@ -224,6 +235,28 @@ def _document(db: str, sha256: str) -> str:
     if text is None:
         flask.abort(404)
     return text
+
+
+def _standing(readings: "pd.DataFrame") -> "Standing":
+    from fringecal.history import reviews_of, standing_of
+
+    return standing_of(reviews_of(readings) if len(readings) else ())
+
+
+def _record(db: str, sha256: str) -> str:
+    """Show one record, also one that was corrected since: a link to it may be old."""
+    import flask
+
+    from fringecal.history import open_history
+    from fringecal.report import record_page
+
+    with open_history(db, create=False) as history:
+        entries, text = history.entries(superseded=True), history.document(sha256)
+        found = entries[entries["sha256"] == sha256].to_dict("records")
+        if not found:
+            flask.abort(404)
+        readings = history.readings(str(found[0]["rig"]), superseded=True)
+    return record_page(found[0], readings[readings["sha256"] == sha256], text)
 
 
 def _comparison(db: str, first: str, second: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
+from scipy import special, stats
 
 from fringecal.errors import HistoryError
 from fringecal.uncertainty import Estimate
@@ -19,6 +19,7 @@ SIGNIFICANCE = 0.05  # probability without drift below which a rate is called si
 _SUSPICIOUS = 0.01  # probability of residuals so alike below which the line is not carried on: 1 %, since it stops work
 _LEAST_RESIDUALS = 8  # below it the normal approximation of von Neumann's ratio does not hold
 _JUMP = 0.01  # probability without any jump, all places tried, below which one is taken for real
+_HELD = 1e-9  # squared length of a step beside the design: rounding
 _MOST_JUMPS = 3  # in one history: with more of them it has no line
 
 
@@ -161,26 +162,28 @@ def jumps_of(days: ArrayLike, values: ArrayLike, *, parts: ArrayLike | None = No
 
 def _largest_jump(t: Floats, x: Floats, part: NDArray[np.int_]) -> int | None:
     """Return where a further level explains most, if it is significant."""
-    places = [k for k in range(1, t.size) if part[k] == part[k - 1]]
+    places = np.flatnonzero(np.diff(part) == 0) + 1
     design = _design(t - t[-1], part)
     dof = t.size - design.shape[1] - 1
-    if not places or dof < LEAST_DOF:
+    if not places.size or dof < LEAST_DOF:
         return None
-    before = _squares(design, x)
-    after = [_squares(np.column_stack([design, _step(t.size, part, k)]), x) for k in places]
-    least = int(np.argmin(after))
-    ratio = (before - after[least]) * dof / after[least] if after[least] > 0 else np.inf
-    p = float(stats.f.sf(ratio, 1, dof)) * len(places) if before > 0 else 1.0
-    return places[least] if p < _JUMP else None
-
-
-def _step(size: int, part: NDArray[np.int_], place: int) -> Floats:
-    return ((np.arange(size) >= place) & (part == part[place])).astype(float)
-
-
-def _squares(design: Floats, x: Floats) -> float:
     residuals = _solved(design, x)[1]
-    return float(residuals @ residuals)
+    before = float(residuals @ residuals)
+    gains = _gains(design, residuals, (np.arange(t.size)[:, None] >= places) & (part[:, None] == part[places]))
+    best = int(np.argmax(gains))
+    left = before - gains[best]
+    ratio = gains[best] * dof / left if left > 0 else np.inf
+    p = float(special.fdtrc(1, dof, ratio)) * places.size if before > 0 else 1.0
+    return int(places[best]) if p < _JUMP else None
+
+
+def _gains(design: Floats, residuals: Floats, steps: NDArray[np.bool_]) -> Floats:
+    """By how much the sum of squares falls with each column of `steps` (n, k) added to the design."""
+    basis = np.linalg.qr(design)[0]
+    across = steps - basis @ (basis.T @ steps)
+    length = np.einsum("ij,ij->j", across, across)
+    # A step that the design holds already, as one beside a calibration may be, explains nothing more.
+    return np.where(length > _HELD, (residuals @ across) ** 2 / np.maximum(length, _HELD), 0.0)
 
 
 def split_at(parts: ArrayLike, jumps: Sequence[int]) -> NDArray[np.int_]:

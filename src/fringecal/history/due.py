@@ -94,8 +94,8 @@ def rate_text(drift: Drift) -> str:
     '+0.98 mm/year, U 0.18, by 4 records'
     """
     rate, expanded = drift.rate, drift.rate.expanded().U
-    value, doubt = value_text(rate.value, rate.u, sign=True), uncertainty_text(expanded)
-    return f"{value} {rate.unit}, U {doubt}, by {drift.records} records"
+    value = value_text(rate.value, expanded, sign=True)
+    return f"{value} {rate.unit}, U {uncertainty_text(expanded)}, by {drift.records} records"
 
 
 def _stepwise(usual: float, ratios: Floats, jumps: int) -> Due:

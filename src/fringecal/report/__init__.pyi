@@ -133,6 +133,9 @@ from .pages.dashboard import (
 from .pages.dashboard import (
     rigs_page as rigs_page,
 )
+from .pages.record_page import (
+    record_page as record_page,
+)
 from .pages.session_pages import (
     RunParts as RunParts,
 )
