@@ -85,12 +85,6 @@ def rigs_page(
 
 
 _ORDER = ("fail", "conditionalFail", "conditionalPass", "pass", "info")
-_STATES = {
-    "out": ("fail", "Out of its limit"),
-    "warning": ("conditionalFail", "Warning"),
-    "in control": ("pass", "In control"),
-    "too few records": ("info", "Too few records"),
-}
 
 
 def _card(rig: str, group: pd.DataFrame, standing: Standing, now: datetime) -> Card:
@@ -111,10 +105,16 @@ def _state(standing: Standing, last: str, now: datetime) -> tuple[str, str]:
     """Return decision and words of the worst: a quantity out, the last record failed, a warning, overdue."""
     if standing.state != "out" and last in ("fail", "conditionalFail"):
         return last, "Last record failed" if last == "fail" else "Last record failed on condition"
-    decision, words = _STATES[standing.state]
-    if standing.due is not None and standing.due < now and decision == "pass":
-        return "conditionalPass", "Overdue"
-    return decision, words
+    match standing.state:
+        case "out":
+            return "fail", "Out of its limit"
+        case "warning":
+            return "conditionalFail", "Warning"
+        case "in control" if standing.due is not None and standing.due < now:
+            return "conditionalPass", "Overdue"
+        case "in control":
+            return "pass", "In control"
+    return "info", "Too few records"
 
 
 def _named(reviews: Sequence[Review], more: Callable[[Review], str]) -> str:
@@ -231,8 +231,15 @@ def _page(
     choice: Choice | None = None,
     cards: Sequence[Card] = (),
 ) -> str:
-    content = {"links": links, "sections": sections, "choice": choice, "cards": cards, "signs": DECISIONS}
-    return render("dashboard.html.j2", title=title, subtitle=subtitle, **content)
+    return render(
+        "dashboard.html.j2",
+        title=title,
+        subtitle=subtitle,
+        links=links,
+        sections=sections,
+        choice=choice,
+        cards=cards,
+    )
 
 
 def render(template: str, **values: object) -> str:
