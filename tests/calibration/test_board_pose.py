@@ -1,5 +1,7 @@
 """One pose of a board with fringes: coordinates at its corners against the truth, and what leaves it aside."""
 
+import re
+
 import cv2
 import numpy as np
 import pytest
@@ -124,6 +126,15 @@ def test_a_board_that_is_partly_lit_says_how_much(shot) -> None:
     found = posed_board("pose", white, target, RasterMap(px, raster.u_px))
     assert found.pose is None
     assert f"known at {found.lit} of 35 corners" in found.reason
+    unlit = np.isnan(px[0])
+    told = posed_board("pose", white, target, RasterMap(px, raster.u_px, ~unlit, np.zeros_like(unlit)))
+    dark = 35 - told.lit
+    # The light ends within one column of corners: those beside it are at its edge.
+    assert re.search(
+        rf"({dark}|{dark - 5}|{dark - 4}|{dark - 3}|{dark - 2}|{dark - 1}) not lit by the projector", told.reason
+    )
+    full = posed_board("pose", white, target, RasterMap(px, raster.u_px, np.ones_like(unlit), unlit))
+    assert "saturated" in full.reason
     px = raster.px.copy()
     px[:, :, :150] = np.nan
     half = posed_board("pose", white, target, RasterMap(px, raster.u_px))

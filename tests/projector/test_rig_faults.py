@@ -13,6 +13,7 @@ from fringecal.projector import (
     RigFaultKind,
     advise_poses,
     fit_board_rig,
+    pose_arrangement,
     rig_faults,
 )
 
@@ -20,11 +21,20 @@ CAMERA, PROJECTOR = (1280, 1024), (1920, 1080)
 BOARD = 12.0 * np.stack([*(g.ravel() for g in np.meshgrid(np.arange(9.0), np.arange(7.0))), np.zeros(63)], axis=1)
 
 
+PROJECTOR_VALUES = np.array([2900.0, 2900, 950, 800, 0.06, -0.05, -4e-4, 2e-4, 0])
+
+
+def device(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Matrix and Brown's terms as OpenCV takes them."""
+    fx, fy, cx, cy, *terms = values
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), np.array(terms)
+
+
 def drawn_rig(focus: float = 1.0) -> BoardRig:
     camera = Lens(
         np.array([2200.0 * focus, 2200 * focus, 650, 500, -0.1, 0.1, 4e-4, -3e-4, 0]), np.zeros((9, 9)), *CAMERA
     )
-    projector = Lens(np.array([2900.0, 2900, 950, 800, 0.06, -0.05, -4e-4, 2e-4, 0]), np.zeros((9, 9)), *PROJECTOR)
+    projector = Lens(PROJECTOR_VALUES, np.zeros((9, 9)), *PROJECTOR)
     rotation = cv2.Rodrigues(np.array([0.1, 0.42, -0.02]))[0]
     return BoardRig(camera, projector, rotation, np.array([-250.0, 90.0, 60.0]), np.zeros((24, 24)))
 
@@ -119,6 +129,52 @@ def test_a_scaler_and_a_keystone_correction_are_named():
         dataclasses.replace(p, projector_px=cv2.perspectiveTransform(p.projector_px[None], matrix)[0]) for p in poses
     ]
     assert [one[0] for one in named(keystoned)] == [RigFaultKind.FRAME_SCALED]
+
+
+def test_a_knock_between_two_poses_is_named_with_the_first_pose_after_it():
+    before, after = drawn(np.random.default_rng(31)), drawn(np.random.default_rng(31))
+    knock = cv2.Rodrigues(np.radians([0.2, 0.3, 0.0]))[0]
+    for k, pose in enumerate(after):  # the projector turned by 0.36 deg about its own centre
+        rays = cv2.undistortPoints(pose.projector_px[:, None], *device(PROJECTOR_VALUES))[:, 0]
+        turned = np.column_stack([rays, np.ones(len(rays))]) @ knock.T
+        lit = cv2.projectPoints(turned, np.zeros(3), np.zeros(3), *device(PROJECTOR_VALUES))[0][:, 0]
+        after[k] = dataclasses.replace(pose, projector_px=lit)
+    assert [(kind, names) for kind, names, _ in named([*before[:5], *after[5:]])] == [
+        (RigFaultKind.RIG_MOVED, ("pose 5",))
+    ]
+
+
+def test_axes_exchanged_in_all_captures_are_named():
+    size = np.array(PROJECTOR)
+    poses = [
+        dataclasses.replace(pose, projector_px=(pose.projector_px / size)[:, ::-1] * size)
+        for pose in drawn(np.random.default_rng(32))
+    ]
+    # As a session turns them: the projector would see the boards mirrored, and one axis is counted the other way.
+    poses = [dataclasses.replace(p, projector_px=p.projector_px * [-1, 1] + [PROJECTOR[0], 0]) for p in poses]
+    kinds = {fault.kind for fault in rig_faults(fit_board_rig(poses, CAMERA, PROJECTOR), projector_aspect=None)}
+    assert kinds == {RigFaultKind.AXES_EXCHANGED}
+
+
+ONE_POSE = {
+    "exchanged": (lambda c, p: (c, (p / PROJECTOR)[:, ::-1] * PROJECTOR), RigFaultKind.AXES_EXCHANGED, "axes"),
+    "falling": (lambda c, p: (c, p * [-1, 1] + [PROJECTOR[0], 0]), RigFaultKind.NUMBERED_OTHERWISE, "falls along u"),
+    "turned": (lambda c, p: ([CAMERA[0] - 1, CAMERA[1] - 1] - c, p), RigFaultKind.NUMBERED_OTHERWISE, "pictures"),
+}
+
+
+@pytest.mark.parametrize("how", list(ONE_POSE))
+def test_a_pose_whose_pictures_or_fringes_are_arranged_otherwise_says_how(how):
+    change, kind, word = ONE_POSE[how]
+    poses = drawn(np.random.default_rng(33))
+    camera, projector = change(poses[4].camera_px, poses[4].projector_px)
+    poses[4] = dataclasses.replace(poses[4], camera_px=camera, projector_px=projector)
+    fit = fit_board_rig(poses, CAMERA, PROJECTOR)
+    found = pose_arrangement(fit, 4)
+    assert found is not None
+    assert (found.kind, found.poses) == (kind, ("pose 4",))
+    assert word in found.message
+    assert pose_arrangement(fit, 3) is None
 
 
 def test_the_proposed_pose_does_what_it_promises():

@@ -1,5 +1,6 @@
 """Captures whose fringes vary along the projector's axes: read in their order, refused where they cannot be so."""
 
+import re
 from typing import Any
 
 import numpy as np
@@ -135,3 +136,53 @@ def test_a_projector_table_says_something(bench: Bench) -> None:
 def test_the_first_ambiguity_is_the_least_common_multiple(periods) -> None:
     doubled = [round(2 * p) for p in periods]
     assert first_ambiguity_px(periods, 10_000) == pytest.approx(np.lcm.reduce(doubled) / 2)
+
+
+PATTERNS = """
+format = "fringecal-patterns/1"
+[projector]
+resolution_px = [192, 96]
+[phase]
+steps_deg = [0.0, 120.0, 240.0]
+[capture]
+axes = ["u"]
+periods = [16.0, 192.0]
+zeros_deg = [0.0, 0.0]
+falling = []
+images = ["u-1-0.png"]
+"""
+
+
+def with_patterns(bench: Bench, **keys: Any) -> None:
+    (bench.folder / "patterns.toml").write_text(PATTERNS, encoding="utf-8")
+    files = [bench.put(f"p{k}.png", bench.fringes(800 + k)).name for k in range(6)]
+    capture = {"name": "surface", "kind": "object", "images": files, "patterns": "patterns.toml"}
+    bench.document["capture"].append(capture | keys)
+
+
+def test_a_capture_takes_axes_periods_and_steps_from_its_patterns(bench: Bench) -> None:
+    with_patterns(bench)
+    bench.document["projector"].pop("resolution_px", None)
+    assert said(bench) == []
+    session = load_session(bench.folder)
+    (axis,) = session.captures["surface"].axes
+    assert (axis.name, axis.extent_px, axis.periods_px, axis.falls) == ("u", 192, (16.0, 192.0), False)
+    assert np.allclose(np.degrees(session.captures["surface"].phase_shifts_rad), [0, 120, 240])
+    assert "patterns.toml" in session.inputs
+
+
+@pytest.mark.parametrize(
+    ("keys", "resolution", "words"),
+    [
+        ({"fringes": [1, 12]}, [192, 96], "fringes stated beside it, which the set says already"),
+        ({}, [192, 108], r"the set is drawn for \[192, 96\] px, and projector.resolution_px = \[192, 108\]"),
+        ({"patterns": "other.toml"}, [192, 96], "other.toml"),
+        ({"patterns": "session.toml"}, [192, 96], "describes no set of patterns"),
+        ({"patterns": "../patterns.toml"}, [192, 96], "outside the session folder"),
+        ({"pose": "1"}, [192, 96], "a capture of kind object has none"),
+    ],
+)
+def test_patterns_that_contradict_or_are_none_are_refused(bench: Bench, keys, resolution, words: str) -> None:
+    with_patterns(bench, **keys)
+    bench.document["projector"]["resolution_px"] = resolution
+    assert re.search(words, " ".join(said(bench)))

@@ -24,7 +24,12 @@ from fringecal.workflows.commission import (
     commission_boards,
     is_board_session,
 )
-from fringecal.workflows.commission.by_board.board_run import demand_poses, plate_waves, solved_poses
+from fringecal.workflows.commission.by_board.board_run import (
+    _measured,
+    demand_poses,
+    plate_waves,
+    solved_poses,
+)
 from fringecal.workflows.reconstruct import measure_volume
 from fringecal.workflows.shared import board_rig_of, raster_of_capture
 
@@ -161,6 +166,30 @@ def test_a_pose_whose_board_moved_is_left_aside_with_the_reason(found) -> None:
     assert "did the board move between the frames" in aside.reason
     assert len(fit.poses) == len(POSES) - 1
     assert fit.stereo_rms_px < 0.1
+
+
+def test_captures_of_one_axis_that_share_a_pose_are_one_pose(found, made, tmp_path) -> None:
+    document = {**made.document, "capture": [dict(one) for one in made.document["capture"] if one["name"] in POSES[:3]]}
+    for table in list(document["capture"]):
+        half = len(table["images"]) // 2
+        rows = {**table, "name": f"{table['name']}-v", "axes": ["v"], "images": table["images"][half:]}
+        white, black = rows.pop("white"), rows.pop("black")  # a picture belongs to one capture
+        assert (white, black) == (table["white"], table["black"])
+        document["capture"].append(rows | {"pose": table["name"]})
+        table.update(axes=["u"], images=table["images"][:half], pose=table["name"])
+    folder = write_session(tmp_path / "s", document, made.frames, extra_files=made.files)
+    session = load_session(folder)
+    captures = [capture for capture in session.find("board") if capture.counted_axes]
+    assert len(captures) == 6
+    waves = plate_waves(found.session)
+    together, _ = _measured(captures, waves, lambda _: None)
+    assert [one.name for one in together] == POSES[:3]
+    for one, whole in zip(together, found.posed, strict=False):
+        assert np.isfinite(one.pose.projector_px).sum() >= 0.95 * np.isfinite(whole.pose.projector_px).sum()
+        assert np.nanmax(np.abs(one.pose.projector_px - whole.pose.projector_px)) < 0.05
+    doubled = [*captures, replace(captures[0], name="again")]
+    with pytest.raises(SessionError, match="have fringes along the same axis"):
+        _measured(doubled, waves, lambda _: None)
 
 
 def test_too_few_poses_say_what_is_wrong_with_each(found) -> None:

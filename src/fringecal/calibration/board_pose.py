@@ -19,6 +19,8 @@ Array = NDArray[np.float64]
 _QUADRATIC = 6  # numbers of a surface of second order
 _CHI2_MEDIAN = 0.455  # median of chi squared with one degree of freedom
 _ROUNDS = 6  # of reweighting: weights change by less than a thousandth after five
+_MUCH_GLARE = 0.01  # share of a picture: a lamp's mirror image covers more, hot pixels far less
+_TELLING = 0.4  # share of the pixels about a corner that tells why it is not read: half of them are dark squares
 _TUKEY = 4.685  # of Tukey's biweight: 95 % efficient for normal errors
 
 
@@ -73,6 +75,8 @@ class PosedBoard:
         Why it is left aside; empty where it takes part.
     corners, lit
         Corners of the board that the picture shows, and of these those with a coordinate of the projector.
+    unread
+        Why corners that the picture shows have no coordinate, in words; empty where all have one.
     handed
         1 if the projector's coordinates turn as the camera's pixels do, -1 if they are mirrored, 0 if that is open.
     """
@@ -83,6 +87,7 @@ class PosedBoard:
     corners: int = 0
     lit: int = 0
     handed: int = 0
+    unread: str = ""
 
     def aside(self, reason: str) -> "PosedBoard":
         """Return the pose as one that is left aside."""
@@ -91,10 +96,16 @@ class PosedBoard:
 
 @dataclass(frozen=True)
 class RasterMap:
-    """Projector coordinates (2, H, W), px, column and row, NaN where not known, with their u, px."""
+    """Projector coordinates (2, H, W), px, column and row, NaN where not known, with their u, px.
+
+    `lit` and `saturated`, (H, W), say where the projector's light falls and where some frame is saturated; None: not
+    known.
+    """
 
     px: Array
     u_px: Array
+    lit: NDArray[np.bool_] | None = None
+    saturated: NDArray[np.bool_] | None = None
 
 
 def _refined(image: NDArray[np.generic], corners: Array, target: Target) -> Array:
@@ -131,7 +142,7 @@ def posed_board(
     try:
         view = board_view(image, target)
     except DetectionError as error:
-        return PosedBoard(name, None, f"no board: {error}")
+        return PosedBoard(name, None, f"no board: {error}{_glare(raster)}")
     corners = _refined(image, view.points_px, target)
     seen = np.isfinite(corners).all(axis=-1)
     place, u = _read_at(corners, raster, rules)
@@ -146,14 +157,40 @@ def posed_board(
         corners=int(seen.sum()),
         lit=int(lit.sum()),
         handed=_handed(corners[lit], place[lit]),
+        unread=_unread(view.points_px[seen & ~lit], float(np.nanmedian(_spacing(view.points_px))), raster),
     )
     return found if found.lit >= rules.least_corners else found.aside(_too_few(found, rules))
+
+
+def _glare(raster: RasterMap) -> str:
+    """Say how much of the picture is saturated, where that may be what hides the board."""
+    share = 0.0 if raster.saturated is None else float(raster.saturated.mean())
+    return f"; {share:.0%} of the picture is saturated: glare hides squares" if share > _MUCH_GLARE else ""
+
+
+def _unread(corners: Array, spacing: float, raster: RasterMap) -> str:
+    """Say why corners (n, 2) have no coordinate: by what most of the pixels about each show."""
+    counts = dict.fromkeys(("saturated", "not lit by the projector", "too dark, or beside an edge of the light"), 0)
+    saturated, unlit, dark = counts
+    for corner in corners:
+        low = np.maximum(np.rint(corner - spacing / 2).astype(int), 0)
+        high = np.maximum(np.rint(corner + spacing / 2).astype(int) + 1, low + 1)
+        part = np.s_[low[1] : high[1], low[0] : high[0]]
+        if raster.saturated is not None and raster.saturated[part].mean() > _TELLING:
+            counts[saturated] += 1
+        elif raster.lit is not None and (~raster.lit[part]).mean() > _TELLING:
+            counts[unlit] += 1
+        else:
+            counts[dark] += 1
+    listed = ", ".join(f"{number} {why}" for why, number in counts.items() if number)
+    return f"corners without a coordinate: {listed}" if listed else ""
 
 
 def _too_few(found: PosedBoard, rules: PoseRules) -> str:
     return (
         f"the projector's coordinates are known at {found.lit} of {found.corners} corners, {rules.least_corners} are "
         "needed: it lights too little of the board, or its fringes are saturated or too weak there"
+        + (f" ({found.unread})" if found.unread else "")
     )
 
 

@@ -94,17 +94,20 @@ from .board_rig.board_poses import (
 from .board_rig.board_poses import (
     BoardStatement as BoardStatement,
 )
+from .board_rig.fault_kinds import (
+    RigFault as RigFault,
+)
+from .board_rig.fault_kinds import (
+    RigFaultKind as RigFaultKind,
+)
 from .board_rig.next_poses import (
     PoseAdvice as PoseAdvice,
 )
 from .board_rig.next_poses import (
     advise_poses as advise_poses,
 )
-from .board_rig.rig_faults import (
-    RigFault as RigFault,
-)
-from .board_rig.rig_faults import (
-    RigFaultKind as RigFaultKind,
+from .board_rig.pose_arrangements import (
+    pose_arrangement as pose_arrangement,
 )
 from .board_rig.rig_faults import (
     rig_faults as rig_faults,

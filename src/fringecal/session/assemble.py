@@ -85,6 +85,7 @@ def _capture(draft: Draft, white_level: int, document: SessionDocument) -> Captu
         black_sha256=_hashes(draft, draft.black_files),
         channel=table.channel or document.camera.channel,
         use=use_of(table),
+        pose=table.pose or "",
     )
 
 
@@ -107,6 +108,7 @@ def _inputs(
     yield FILE_NAME, parsed.sha256
     if model is not None:
         yield str(parsed.sound_document.camera.model), model.sha256
+    yield from parsed.pattern_files
     for draft in drafts:
         if draft.target_sha256:  # a shipped target is known by its name and is no file here
             yield str(draft.table.target), draft.target_sha256

@@ -101,6 +101,8 @@ class Capture:
         Phase maps that another program made, in place of frames.
     white_paths, white_sha256, black_paths, black_sha256
         Pictures lit evenly, and not at all, by the projector.
+    pose
+        Name of the pose that the capture shares with others, or the empty text.
     pixels, gray_pixels
         The frames themselves, (N, H, W), where they are given as arrays (`capture_of_arrays`): `paths` then only names
         them, and no file is read.
@@ -127,6 +129,7 @@ class Capture:
     white_sha256: tuple[str, ...] = ()
     black_paths: tuple[Path, ...] = ()
     black_sha256: tuple[str, ...] = ()
+    pose: str = ""
     pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
     gray_pixels: np.ndarray | None = field(default=None, repr=False, compare=False)
 

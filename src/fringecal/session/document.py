@@ -151,7 +151,8 @@ class CaptureTable(_Table):
     coarsest bit first. `use` says whether an artefact takes part in the calibration or stays independent of
     it, for verification: strips take part unless told otherwise, other artefacts stay out.
     With `axes` the images are in the order repeat, axis, period, step; `periods` are then in pixels of the
-    projector, or `fringes` states their numbers across its picture.
+    projector, or `fringes` states their numbers across its picture. `patterns` names a `patterns.toml` that says axes,
+    periods, zeros and phase shifts in their place. Captures of kind board with one `pose` show one place of the board.
     """
 
     name: Annotated[str, Field(pattern=r"^[^\s/\\][^/\\]*$")]
@@ -166,6 +167,8 @@ class CaptureTable(_Table):
     falling: list[Axis] | None = None
     gray: FilesByAxis | None = None
     maps: Annotated[list[MapTable], Field(min_length=1)] | None = None
+    patterns: Text | None = None
+    pose: Text | None = None
     white: list[Text] | None = None
     black: list[Text] | None = None
     repeat: Annotated[int, Field(ge=1)] = 1

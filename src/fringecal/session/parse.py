@@ -29,6 +29,7 @@ from fringecal.session.document import (
     SessionDocument,
 )
 from fringecal.session.faults import Fault, hint, nearest
+from fringecal.session.fringes.stated_patterns import with_patterns
 from fringecal.targets import Quantity
 
 Loc = tuple[int | str, ...]
@@ -114,12 +115,15 @@ class Parsed:
         Everything that was wrong.
     sha256
         Of the very bytes that were read; empty for a text.
+    pattern_files
+        Sets of patterns that captures name, with the hash of each.
     """
 
     document: SessionDocument | None
     broken: frozenset[Loc] = frozenset()
     faults: tuple[Fault, ...] = field(default=())
     sha256: str = ""
+    pattern_files: tuple[tuple[str, str], ...] = ()
 
     @property
     def sound_document(self) -> SessionDocument:
@@ -147,7 +151,7 @@ def parse_folder(folder: Path) -> Parsed:
     path = folder / FILE_NAME
     try:
         content = bytes_of(path, MOST_TOML)
-        parsed = parse_text(text_of(content))
+        parsed = parse_text(text_of(content), folder)
     except MissingFileRefusal:
         return _refused(
             str(folder),
@@ -159,15 +163,20 @@ def parse_folder(folder: Path) -> Parsed:
     return replace(parsed, sha256=hashlib.sha256(content).hexdigest())
 
 
-def parse_text(text: str) -> Parsed:
-    """Read the text of a `session.toml`; never raises."""
+def parse_text(text: str, folder: Path | None = None) -> Parsed:
+    """Read the text of a `session.toml`, and the sets of patterns that it names in its folder; never raises."""
     if not text.strip():
         return _refused(FILE_NAME, "empty", "describe the session in it; docs/session.md lists its keys")
     try:
         table = toml_of(text)
     except Refusal as error:
         return _refused(FILE_NAME, f"{error}{_line_named(text, str(error))}", "correct it")
-    return _salvaged(table)
+    if folder is None:
+        return _salvaged(table)
+    found = with_patterns(folder, table)
+    parsed = _salvaged(found.table)
+    broken, faults = parsed.broken | found.broken, (*parsed.faults, *found.faults)
+    return replace(parsed, broken=broken, faults=faults, pattern_files=found.inputs)
 
 
 def _line_named(text: str, message: str) -> str:

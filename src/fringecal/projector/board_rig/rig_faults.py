@@ -1,18 +1,25 @@
 """Faults of a board rig's captures, each told by what it would explain of the residuals; named, never fitted away."""
 
-import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from fringecal.projector.board_rig.board_fit import BoardRigFit, PoseFit
-from fringecal.projector.board_rig.board_problem import POSE, RIG, Rows, observation_rows, residuals, subset
-from fringecal.projector.board_rig.board_solve import Expected, minimise, of_points
-from fringecal.projector.board_rig.board_start import pose_start
+from fringecal.projector.board_rig.board_problem import (
+    POSE,
+    RIG,
+    SHIFT_OF,
+    TURN_OF,
+    Rows,
+    observation_rows,
+)
+from fringecal.projector.board_rig.board_solve import of_points
+from fringecal.projector.board_rig.fault_kinds import RigFault, RigFaultKind
+from fringecal.projector.board_rig.pose_arrangements import pose_arrangement
 
 Array = NDArray[np.float64]
 
@@ -38,45 +45,13 @@ _FOCAL_REL_U = 5e-3  # of a focal length that the poses hardly determine
 _FEW_POSES = 4  # with so few no pose can be told to disagree with the others
 _ALIKE_DEG = 10.0  # spread of the boards' normals about their mean: below it focal length and distance stay mixed
 _AGREES = 0.5  # least share of a pose's points that must agree with all others
-_MUCH_BETTER = 0.3  # of the residuals as they are numbered: a wrong numbering is off by whole pitches
 _SCATTERS = 2.5  # times the median scatter of the poses: of 60 coordinates alike, one pose in 10^9 is beyond 1.6
-_LIKE_OTHERS = 4.0  # standard deviations, rms, within which a renumbered pose agrees
-
-
-class RigFaultKind(enum.Enum):
-    """What can be wrong with the captures of a board rig; the value names it in files."""
-
-    STRETCHED_PRINT = "stretched print"
-    FRAME_SCALED = "frame scaled or keystoned"
-    PICTURE_SCALED = "picture scaled"
-    FOCUS_CHANGED = "focus changed between poses"
-    NUMBERED_OTHERWISE = "points numbered otherwise"
-    POSE_DISAGREES = "pose disagrees"
-    POSE_SCATTERS = "pose scatters"
-    POSES_TOO_FEW = "poses too few"
-    POSES_ALIKE = "poses too alike"
-
-
-@dataclass(frozen=True)
-class RigFault:
-    """One fault.
-
-    Parameters
-    ----------
-    kind
-        Which.
-    message
-        What was found, and what to do.
-    poses
-        Names of the poses concerned; empty where all are.
-    size
-        Stretch or aspect (relative), skew (rad), change of focus (relative), or relative u of a focal length.
-    """
-
-    kind: RigFaultKind
-    message: str
-    poses: tuple[str, ...] = ()
-    size: float = math.nan
+_LEAST_MOVE_SIGMAS = 8.0
+"""Standard deviations of the largest of six numbers by which camera and projector must have moved against one another:
+beside the test of the sum of squares, so that no rough model passes for a knock."""
+_LEAST_SIDE = 2  # poses on either side of a knock: a single one that disagrees is named itself
+_RASTER_ASPECTS = (0.5, 1.0, 2.0)  # of square pixels, and of diamond ones counted along either axis
+_SIDEWAYS = math.sqrt(0.5)  # cosine beyond which rows of the frame lie nearer to the picture's columns
 
 
 @dataclass(frozen=True)
@@ -105,7 +80,8 @@ def rig_faults(
     camera_aspect
         fy / fx of the camera by its data sheet: 1 for square pixels.
     projector_aspect
-        The same of the projector's raster: 1, or 2 for half-width diamond rasters; None: not known.
+        The same of the projector's raster: 1, or 2 for half-width diamond rasters; None: not known, whichever of these
+        (or 1/2) is nearest.
 
     Notes
     -----
@@ -119,12 +95,19 @@ def rig_faults(
     if alike and _spread_deg(fit.poses) < _ALIKE_DEG:
         return (*poses, *alike)  # such poses tell no cause from another
     rows = _weighted_rows(fit)
-    causes = [_of_aspects(fit, camera_aspect, projector_aspect), _of_skew(fit, rows), *_of_focus(fit, rows)]
+    causes = [
+        _of_exchange(fit) or _of_aspects(fit, camera_aspect, projector_aspect),
+        _of_skew(fit, rows),
+        *_of_focus(fit, rows),
+        _of_move(fit, rows),
+    ]
     known = [cause for cause in causes if cause is not None]
     if known:
         poses = [one for one in poses if one.kind is not RigFaultKind.POSE_DISAGREES]
         return (*poses, max(known, key=lambda cause: cause[0])[1])
-    return (*poses, *_of_scatter(fit, wrong), *alike)
+    moved = _of_boards(fit, rows, wrong)
+    wrong |= {name for one in moved for name in one.poses}
+    return (*poses, *moved, *_of_scatter(fit, wrong), *alike)
 
 
 type _Cause = tuple[float, RigFault] | None
@@ -206,8 +189,9 @@ def _of_skew(fit: BoardRigFit, rows: Rows) -> _Cause:
 def _of_aspects(fit: BoardRigFit, camera_aspect: float, projector_aspect: float | None) -> _Cause:
     """Stretch of the print, or pixels of another aspect than stated: whichever explains both devices' focal lengths."""
     known = {"camera": (0, camera_aspect, _CAMERA_ASPECT_U)}
-    if projector_aspect is not None and len(fit.rig.axes) == 2:
-        known["projector"] = (9, projector_aspect, _PROJECTOR_ASPECT_U)
+    if len(fit.rig.axes) == 2:
+        aspect = _nearest_aspect(fit) if projector_aspect is None else projector_aspect
+        known["projector"] = (9, aspect, _PROJECTOR_ASPECT_U)
     none = _aspect_squares(fit, known, stretched=False)[0]
     causes = {RigFaultKind.STRETCHED_PRINT: _aspect_squares(fit, known, stretched=True)}
     for device, kind in (("projector", RigFaultKind.FRAME_SCALED), ("camera", RigFaultKind.PICTURE_SCALED)):
@@ -218,6 +202,66 @@ def _of_aspects(fit: BoardRigFit, camera_aspect: float, projector_aspect: float 
     fall, change = none - causes[kind][0], causes[kind][1]
     fault = _named_aspect(fit, kind, change, known)
     return (fall, fault) if fault is not None and fall > float(chdtri(1, _RARE)) else None
+
+
+def _nearest_aspect(fit: BoardRigFit) -> float:
+    """Return the aspect of a raster that is nearest to the one found."""
+    found = math.log(fit.rig.projector["fy_px"] / fit.rig.projector["fx_px"])
+    return min(_RASTER_ASPECTS, key=lambda one: abs(math.log(one) - found))
+
+
+def _of_exchange(fit: BoardRigFit) -> _Cause:
+    """Frames along v that were taken for those along u: a projector on its side, with the frame's aspect squared."""
+    if len(fit.rig.axes) < 2 or abs(float(fit.rig.rotation[0, 1])) < _SIDEWAYS:
+        return None
+    projector = fit.rig.projector
+    squared = (projector.height_px / projector.width_px) ** 2
+    found = projector["fy_px"] / projector["fx_px"]
+    if min(abs(math.log(found / (one * squared))) for one in _RASTER_ASPECTS) > abs(math.log(squared)) / 4:
+        return None
+    text = (
+        f"the projector stands on its side, with pixels of aspect {found:.3g}: fringes along u are stated as those "
+        "along v, and the other way round; exchange `axes`"
+    )
+    return math.inf, RigFault(RigFaultKind.AXES_EXCHANGED, text, size=found)
+
+
+def _of_move(fit: BoardRigFit, rows: Rows) -> _Cause:
+    """Camera and projector that stand otherwise against one another from some pose on."""
+    best: _Cause = None
+    for first in range(_LEAST_SIDE, len(fit.poses) - _LEAST_SIDE + 1):
+        later = (fit.data.pose_of >= first)[:, None, None]
+        evidence = _explained(fit, rows, rows.derivatives[..., TURN_OF.start : SHIFT_OF.stop] * later)
+        if evidence.is_rare and evidence.fall > _LEAST_MOVE_SIGMAS**2 and (best is None or evidence.fall > best[0]):
+            best = evidence.fall, _moved(fit, first, evidence)
+    return best
+
+
+def _of_boards(fit: BoardRigFit, rows: Rows, wrong: set[str]) -> list[RigFault]:
+    """Poses, not wrong ones, that the projector lights elsewhere than the camera sees them."""
+    found = []
+    for number, pose in enumerate(fit.poses):
+        own = (fit.data.pose_of == number)[:, None, None]
+        evidence = _explained(fit, rows, rows.derivatives[..., TURN_OF.start : SHIFT_OF.stop] * own)
+        if pose.name not in wrong and evidence.is_rare and evidence.fall > _LEAST_MOVE_SIGMAS**2:
+            text = (
+                f"pose {pose.name}: its picture and its fringes disagree on where the board is, more than chance does "
+                f"({math.sqrt(evidence.fall):.0f} standard deviations): the board or the rig moved while it was "
+                "captured; capture it anew or leave it out"
+            )
+            found.append((evidence.fall, RigFault(RigFaultKind.POSE_DISAGREES, text, (pose.name,))))
+    # One such pose draws the others with it: the worst is named, and what is left shows once it is mended.
+    return [max(found, key=lambda one: one[0])[1]] if found else []
+
+
+def _moved(fit: BoardRigFit, first: int, evidence: _Evidence) -> RigFault:
+    turn_deg = math.degrees(float(np.linalg.norm(evidence.values[:3])))
+    name = fit.poses[first].name
+    text = (
+        f"from pose {name} on the projector stands otherwise before the camera (turned by about {turn_deg:.2g} deg): "
+        "one of them was moved; fix both, and capture the poses before it, or those from it on, anew"
+    )
+    return RigFault(RigFaultKind.RIG_MOVED, text, (name,), turn_deg)
 
 
 def _aspect_squares(
@@ -323,90 +367,13 @@ def _of_poses(fit: BoardRigFit) -> list[RigFault]:
 
 
 def _numbering(fit: BoardRigFit, number: int, device: str) -> RigFault:
-    """Say how a pose's points would have to be numbered to agree, if any way does."""
+    """Say how a pose's points would have to be arranged to agree, if any way does."""
     name = fit.poses[number].name
-    tries = [
-        (_rms_renumbered(fit, number, order, which), how, which)
-        for how, order in _renumberings(fit.data.board[fit.data.slices()[number]])
-        for which in ("projector", "camera", "both")
-    ]
-    rms, how, which = min(tries, default=(math.inf, "", ""))
-    same = np.arange(np.diff(fit.data.starts)[number])
-    if rms < min(_LIKE_OTHERS, _MUCH_BETTER * _rms_renumbered(fit, number, same, "both")):
-        lists = "its points" if which == "both" else f"the {which}'s points"
-        text = (
-            f"pose {name}: {lists} are numbered otherwise than in the other poses ({how}); number them alike, or use a "
-            "board that tells its ends apart (ChArUco)"
-        )
-        return RigFault(RigFaultKind.NUMBERED_OTHERWISE, text, (name,))
+    known = pose_arrangement(fit, number)
+    if known is not None:
+        return known
     text = (
         f"pose {name}: most of its points in the {device} disagree with the others; was the board or the rig moved "
         "while it was captured, or the focus? capture it anew or leave it out"
     )
     return RigFault(RigFaultKind.POSE_DISAGREES, text, (name,))
-
-
-def _renumberings(board: Array) -> list[tuple[str, NDArray[np.intp]]]:
-    """Other ways to number a grid's points, as the new number of each; only whole rearrangements of what is there."""
-    low, high = board[:, :2].min(axis=0), board[:, :2].max(axis=0)
-    turned = low + high - board[:, :2]
-    ways = {
-        "turned by 180 degrees": turned,
-        "mirrored left to right": np.column_stack([turned[:, 0], board[:, 1]]),
-        "mirrored top to bottom": np.column_stack([board[:, 0], turned[:, 1]]),
-        "rows and columns exchanged": (board[:, :2] - low)[:, ::-1] + low,
-        "rows and columns exchanged, turned by 180 degrees": (turned - low)[:, ::-1] + low,
-        "turned by 90 degrees": np.column_stack([turned[:, 1] - low[1] + low[0], board[:, 0] - low[0] + low[1]]),
-        "turned by 270 degrees": np.column_stack([board[:, 1] - low[1] + low[0], turned[:, 0] - low[0] + low[1]]),
-    }
-    ways |= {"numbered along columns": _by_columns(board)}
-    found = []
-    for how, wanted in ways.items():
-        distance = np.linalg.norm(wanted[:, None] - board[None, :, :2], axis=2)
-        order = distance.argmin(axis=1)
-        if len(set(order.tolist())) == len(board) and distance.min(axis=1).max() < 1e-3 * float((high - low).max()):
-            found.append((how, order))
-    return found
-
-
-def _by_columns(board: Array) -> Array:
-    """Places of the points if they had been listed column by column."""
-    order = np.lexsort((board[:, 1], board[:, 0]))
-    back = np.lexsort((board[:, 0], board[:, 1]))
-    found = np.empty((len(board), 2))
-    found[back] = board[order, :2]
-    return found
-
-
-def _rms_renumbered(fit: BoardRigFit, number: int, order: NDArray[np.intp], which: str) -> float:
-    """Root mean square of a pose's residuals over their standard deviations, its points numbered anew, the rig held."""
-    data = subset(fit.data, [number])
-    camera = data.camera[order] if which != "projector" else data.camera
-    projector = data.projector[order] if which != "camera" else data.projector
-    seen_c = data.in_camera[order] if which != "projector" else data.in_camera
-    seen_p = data.in_projector[order] if which != "camera" else data.in_projector
-    apart = np.zeros_like(data.coupled)
-    data = replace(data, camera=camera, projector=projector, in_camera=seen_c, in_projector=seen_p, coupled=apart)
-    known = seen_c.all(axis=1)
-    if known.sum() < POSE:
-        return math.inf
-    state = fit.solution.state
-    rotation, shift = pose_start(data.board[known, :2], camera[known], state.shared[:4])
-    state = replace(state, pose_rotations=rotation[None], pose_shifts=shift[None])
-    s = np.median(fit.solution.s_px, axis=0)
-    weights = np.hstack([seen_c / (data.camera_u * s[0]), seen_p / (data.projector_u * s[1])])
-    held = Expected(state.shared, np.zeros(len(state.shared)))
-    state, _ = minimise(state, data, weights, held)
-    rest = residuals(state, data) * weights
-    # Where the phase was read at the corner, the corner's own error is in the projector's coordinate too.
-    dof = max(int((weights > 0).sum()) - POSE, 1)
-    return math.sqrt(float((rest**2).sum()) / dof) / max(1.0, _corner_share(fit))
-
-
-def _corner_share(fit: BoardRigFit) -> float:
-    """By how much a projector's raw residual is larger than its own standard deviation: by the corners' errors."""
-    raw = residuals(fit.solution.state, fit.data)[:, 2:] / (
-        fit.data.projector_u * of_points(fit.solution.s_px, fit.data)[:, 2:]
-    )
-    used = fit.solution.used[:, 2:]
-    return float(np.sqrt((raw[used] ** 2).mean())) if used.any() else 1.0

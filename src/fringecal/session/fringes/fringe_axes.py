@@ -112,6 +112,8 @@ def first_ambiguity_px(periods_px: ArrayLike, extent_px: float) -> float | None:
 def axis_faults(draft: Draft, document: SessionDocument, *, is_projector_sound: bool) -> Iterator[Fault]:
     """See that what a capture states of its fringes goes together and with the projector."""
     table = draft.table
+    if table.pose is not None and table.kind != "board":
+        yield Fault(f"{draft.label}: pose", f"a capture of kind {table.kind} has none", "leave it out")
     if draft.broken & {"axes", "periods", "fringes", "zeros_deg", "gray", "kind", "maps"}:
         return
     if table.maps is not None:

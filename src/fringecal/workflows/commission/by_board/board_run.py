@@ -16,19 +16,31 @@ from fringecal.projector import (
     PoseAdvice,
     PoseFit,
     RigFault,
+    RigFaultKind,
     advise_poses,
     fit_board_rig,
+    pose_arrangement,
     rig_faults,
 )
 from fringecal.session import Capture, Session
 from fringecal.targets import Charuco, Chessboard, Target
 from fringecal.workflows.lens import board_pictures
-from fringecal.workflows.shared import AxisPhase, raster_of_capture
+from fringecal.workflows.shared import AxisPhase, lit_by_projector, raster_of_capture
 
 Progress = Callable[[str], None]
 
 _LEAST_POSES = 3
 _USEFUL = 0.97  # of u, below which one more pose is worth its time
+_LEAST_KNOCKED = 2  # poses in a row that disagree, before it is the rig and not the board that moved
+_OF_ALL = (
+    RigFaultKind.STRETCHED_PRINT,
+    RigFaultKind.FRAME_SCALED,
+    RigFaultKind.PICTURE_SCALED,
+    RigFaultKind.FOCUS_CHANGED,
+    RigFaultKind.RIG_MOVED,
+    RigFaultKind.AXES_EXCHANGED,
+)
+"""Faults that all poses share."""
 _SUSPECT = 5.0  # times what most poses have, that a pose's median residual may be: beyond, the board moved in between
 
 
@@ -41,7 +53,7 @@ class BoardCommissioning:
     session
         What it was calibrated from.
     captures
-        The board's captures, one for each pose, as `posed`.
+        The board's captures: one for each pose, or one for each axis of a pose.
     posed
         What each shows, also those left aside, with the reason.
     fit
@@ -77,6 +89,7 @@ class BoardCommissioning:
     @property
     def notes(self) -> tuple[str, ...]:
         """What a reader of the record should know besides the numbers."""
+        part = [f"pose {one.name}: {one.unread}" for one in self.used if one.unread]
         aside = [f"pose {one.name} is left aside: {one.reason}" for one in self.posed if one.pose is None]
         axes = [f"axis {name}: {raster.sentence()}" for name, raster in self.rasters.items()]
         return (
@@ -84,6 +97,7 @@ class BoardCommissioning:
             *_no_plate(self.session),
             *_one_axis(self.fit.rig.axes),
             *_undetermined(self.fit.rig.undetermined),
+            *part,
             *aside,
             *self.next_poses,
         )
@@ -150,9 +164,12 @@ def commission_boards(session: Session, *, progress: Progress = lambda _: None) 
     progress("solving for camera, projector and poses")
     found, fit = solved_poses(session, captures, found)
     progress("faults of the captures, and poses to add")
+    return BoardCommissioning(session, captures, found, fit, rasters, _faults(session, fit), advise_poses(fit))
+
+
+def _faults(session: Session, fit: BoardRigFit) -> tuple[RigFault, ...]:
     known = session.projector is not None and session.projector.pixel_aspect is not None
-    faults = rig_faults(fit, projector_aspect=_projector_aspect(session) if known else None)
-    return BoardCommissioning(session, captures, found, fit, rasters, faults, advise_poses(fit))
+    return rig_faults(fit, projector_aspect=_projector_aspect(session) if known else None)
 
 
 def _projector_aspect(session: Session) -> float:
@@ -185,19 +202,47 @@ def _measured(
     """Read the projector's coordinates at the corners of each pose; the first capture's phase zeros hold for all."""
     found: list[PosedBoard] = []
     like: dict[str, AxisPhase] = {}
-    for capture in captures:
-        progress(f"phase and corners of {capture.name}")
+    for pose, shots in _by_pose(captures).items():
+        progress(f"phase and corners of {pose}")
+        counted = [(capture, name) for capture in shots for name in capture.counted_axes]
         try:
-            axes = [_axis(capture, name, like.get(name), waves.get(name)) for name in capture.counted_axes]
+            axes = [_axis(capture, name, like.get(name), waves.get(name)) for capture, name in counted]
         except PhaseError as error:
-            found.append(PosedBoard(capture.name, None, str(error)))
+            found.append(PosedBoard(pose, None, str(error)))
             continue
+        capture = _evenly_lit(shots)
         for axis in axes:
             like.setdefault(axis.axis, axis)
         (_, image), target = next(iter(board_pictures(capture))), capture.target
         assert target is not None
-        found.append(posed_board(capture.name, image, target, _raster_map(axes, capture.shape)))
+        found.append(posed_board(pose, image, target, _raster_map(axes, shots)))
     return tuple(found), {name: axis.raster for name, axis in like.items()}
+
+
+def _evenly_lit(shots: Sequence[Capture]) -> Capture:
+    """Return the capture of a pose that shows it evenly lit; the first where none does."""
+    return next((one for one in shots if one.white_paths), shots[0])
+
+
+def _by_pose(captures: Sequence[Capture]) -> dict[str, list[Capture]]:
+    """Return captures by the pose that they show: those that state one together, each other one alone.
+
+    Raises
+    ------
+    SessionError
+        Two captures of a pose have fringes along one axis, or one's name is that of another's pose.
+    """
+    found: dict[str, list[Capture]] = {}
+    for capture in captures:
+        found.setdefault(capture.pose or capture.name, []).append(capture)
+    for pose, shots in found.items():
+        axes = [name for capture in shots for name in capture.counted_axes]
+        if len(set(axes)) < len(axes):
+            names = ", ".join(capture.name for capture in shots)
+            raise SessionError(
+                [f"pose {pose!r}: captures {names} have fringes along the same axis; state another pose"]
+            )
+    return found
 
 
 def _axis(capture: Capture, name: str, like: AxisPhase | None, wave: Waveform | None) -> AxisPhase:
@@ -215,12 +260,17 @@ def _mirrored(axis: AxisPhase) -> AxisPhase:
     return replace(axis, raster=axis.raster.mirrored())
 
 
-def _raster_map(axes: Sequence[AxisPhase], shape: tuple[int, int]) -> RasterMap:
+def _raster_map(axes: Sequence[AxisPhase], shots: Sequence[Capture]) -> RasterMap:
+    shape = shots[0].shape
     px, u_px = np.full((2, *shape), np.nan), np.full((2, *shape), np.nan)
     for axis in axes:
         k = "uv".index(axis.axis)
         px[k], u_px[k] = axis.raster.px, axis.raster.u_px
-    return RasterMap(px, u_px)
+    full = [one.read().max(axis=0) >= one.white_level for one in shots if one.paths]
+    lit = lit_by_projector(_evenly_lit(shots))
+    if lit is not None:  # of a capture without white and black of its own as well
+        px[:, ~lit] = np.nan
+    return RasterMap(px, u_px, lit, np.any(full, axis=0) if full else None)
 
 
 def _turned(found: tuple[PosedBoard, ...], rasters: dict[str, RasterCoordinate]) -> tuple[PosedBoard, ...]:
@@ -277,6 +327,9 @@ def solved_poses(
     suspects = dict(_disagreeing(fit, [one.pose for one in found if one.pose is not None]))
     if not suspects or len(fit.poses) - len(suspects) < _LEAST_POSES:
         return found, fit
+    if len(suspects) > 1 and any(fault.kind in _OF_ALL for fault in _faults(session, fit)):
+        return found, fit  # one cause for all: without the worst of them it would only be smaller
+    suspects |= _knocked(fit, suspects)
     found = tuple(one.aside(suspects[one.name]) if one.name in suspects else one for one in found)
     return found, _fit(session, captures, found)
 
@@ -313,16 +366,33 @@ def statement_of(target: Target) -> BoardStatement:
 
 def _disagreeing(fit: BoardRigFit, given: Sequence[BoardPose]) -> Iterator[tuple[str, str]]:
     """Name poses whose residuals, of points left out as well, are far above those of most, and say so."""
+    said: set[str] = set()
     for device, k in (("camera", 0), ("projector", 2)):
         sizes = [_typical(pose, seen, k) for pose, seen in zip(fit.poses, given, strict=True)]
         usual = float(np.median(sizes))
-        for pose, size in zip(fit.poses, sizes, strict=True):
-            if size > _SUSPECT * usual:
+        for number, (pose, size) in enumerate(zip(fit.poses, sizes, strict=True)):
+            if size > _SUSPECT * usual and pose.name not in said:
+                said.add(pose.name)
+                otherwise = pose_arrangement(fit, number)
                 reason = (
                     f"its points are off by {size:.2g} px in the {device}, those of most poses by {usual:.2g} px: did "
-                    "the board move between the frames?"
+                    "the board move between the frames, or do they stand in another order than is stated?"
                 )
-                yield pose.name, reason
+                yield pose.name, reason if otherwise is None else otherwise.message.removeprefix(f"pose {pose.name}: ")
+
+
+def _knocked(fit: BoardRigFit, suspects: Mapping[str, str]) -> dict[str, str]:
+    """Say of poses that disagree that all from one on, or all up to one, do: the rig was moved then."""
+    names = [pose.name for pose in fit.poses]
+    alike = [name in suspects for name in names]
+    if len(suspects) < _LEAST_KNOCKED or not (all(alike[-len(suspects) :]) or all(alike[: len(suspects)])):
+        return {}
+    split = names[len(suspects)] if alike[0] else names[-len(suspects)]
+    reason = (
+        f"poses before {split} and those from it on disagree: camera or projector was moved then, against the other; "
+        "fix both, and capture the fewer of them anew"
+    )
+    return dict.fromkeys(suspects, reason)
 
 
 def _typical(pose: PoseFit, given: BoardPose, k: int) -> float:

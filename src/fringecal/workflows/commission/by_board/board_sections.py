@@ -157,7 +157,7 @@ def _poses(found: BoardCommissioning) -> Table:
     for one in found.posed:
         row: dict[str, object] = {
             "pose": one.name,
-            "status": one.reason or "used",
+            "status": one.reason or "; ".join(["used", one.unread] if one.unread else ["used"]),
             "corners": one.corners,
             "with projector": one.lit,
         }
