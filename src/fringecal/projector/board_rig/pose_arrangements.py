@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 
 _MUCH_BETTER = 0.3  # of the residuals as they are numbered: a wrong numbering is off by whole pitches
 _LIKE_OTHERS = 2.5
-"""Standard deviations, rms, within which a rearranged pose agrees. A flat board's place has a second solution, tilted the
-other way, that a wrong arrangement may lead to: it leaves more."""
+"""Standard deviations, rms, within which a rearranged pose agrees. A flat board's place has a second solution, tilted
+the other way, that a wrong arrangement may lead to: it leaves more."""
 _OTHERWISE, _EXCHANGED = RigFaultKind.NUMBERED_OTHERWISE, RigFaultKind.AXES_EXCHANGED
 _NUMBER_ALIKE = "number them alike, or use a board that tells its ends apart (ChArUco)"
 

@@ -46,9 +46,9 @@ _FEW_POSES = 4  # with so few no pose can be told to disagree with the others
 _ALIKE_DEG = 10.0  # spread of the boards' normals about their mean: below it focal length and distance stay mixed
 _AGREES = 0.5  # least share of a pose's points that must agree with all others
 _SCATTERS = 2.5  # times the median scatter of the poses: of 60 coordinates alike, one pose in 10^9 is beyond 1.6
-_LEAST_MOVE_SIGMAS = 8.0
-"""Standard deviations of the largest of six numbers by which camera and projector must have moved against one another:
-beside the test of the sum of squares, so that no rough model passes for a knock."""
+_LEAST_EFFECT = 5.0
+"""Times the scatter of corners, as the projector has it, by which what moved must displace the light, rms: corners that
+are all drawn aside by a third of their scatter tilt a level board by as much as twice that."""
 _LEAST_SIDE = 2  # poses on either side of a knock: a single one that disagrees is named itself
 _RASTER_ASPECTS = (0.5, 1.0, 2.0)  # of square pixels, and of diamond ones counted along either axis
 _SIDEWAYS = math.sqrt(0.5)  # cosine beyond which rows of the frame lie nearer to the picture's columns
@@ -232,9 +232,19 @@ def _of_move(fit: BoardRigFit, rows: Rows) -> _Cause:
     for first in range(_LEAST_SIDE, len(fit.poses) - _LEAST_SIDE + 1):
         later = (fit.data.pose_of >= first)[:, None, None]
         evidence = _explained(fit, rows, rows.derivatives[..., TURN_OF.start : SHIFT_OF.stop] * later)
-        if evidence.is_rare and evidence.fall > _LEAST_MOVE_SIGMAS**2 and (best is None or evidence.fall > best[0]):
+        named = evidence.is_rare and _displaces(fit, rows, evidence, later[:, 0, 0])
+        if named and (best is None or evidence.fall > best[0]):
             best = evidence.fall, _moved(fit, first, evidence)
     return best
+
+
+def _displaces(fit: BoardRigFit, rows: Rows, evidence: _Evidence, which: NDArray[np.bool_]) -> bool:
+    """Tell whether a move of the projector displaces the light on some points by enough to be none of the corners'."""
+    over = fit.data.projector_u * of_points(fit.solution.s_px, fit.data)[:, 2:]
+    change = rows.derivatives[:, 2:, TURN_OF.start : SHIFT_OF.stop] @ evidence.values * over
+    used = fit.solution.used[:, 2:] & which[:, None]
+    in_projector = fit.rig.camera_s_px * fit.rig.projector["fx_px"] / fit.rig.camera["fx_px"]
+    return bool(used.any()) and float(np.sqrt((change[used] ** 2).mean())) > _LEAST_EFFECT * in_projector
 
 
 def _of_boards(fit: BoardRigFit, rows: Rows, wrong: set[str]) -> list[RigFault]:
@@ -243,7 +253,7 @@ def _of_boards(fit: BoardRigFit, rows: Rows, wrong: set[str]) -> list[RigFault]:
     for number, pose in enumerate(fit.poses):
         own = (fit.data.pose_of == number)[:, None, None]
         evidence = _explained(fit, rows, rows.derivatives[..., TURN_OF.start : SHIFT_OF.stop] * own)
-        if pose.name not in wrong and evidence.is_rare and evidence.fall > _LEAST_MOVE_SIGMAS**2:
+        if pose.name not in wrong and evidence.is_rare and _displaces(fit, rows, evidence, own[:, 0, 0]):
             text = (
                 f"pose {pose.name}: its picture and its fringes disagree on where the board is, more than chance does "
                 f"({math.sqrt(evidence.fall):.0f} standard deviations): the board or the rig moved while it was "
