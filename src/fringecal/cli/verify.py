@@ -18,7 +18,8 @@ from fringecal.workflows.shared import command_line, given
 HELP = """Measure an artefact with a calibrated rig and set its errors beside the certificate.
 
 Angle bars (zigzag) give height errors along profiles; a flat, steps, a wedge, a box, a sphere or a ball bar give
-flatness, heights, amplification and linearity, angle, size, form and spacing.
+flatness, heights, amplification and linearity, angle, size, form and spacing. By a rig that a board has calibrated a
+flat, steps, a sphere or a ball bar are judged in any pose in the volume, without a plate.
 Writes verification.json, tables, figures and report.html into DIR.
 Exit code 0 if all agrees with the certificate (|En| <= 1), 3 if something does not, 1 if nothing could be verified.
 
@@ -46,6 +47,7 @@ def verify(
     from fringecal.records import (
         VERIFICATION_FILE,
         CalibrationUsed,
+        is_board_calibration,
         limits_for,
         read_calibration,
         result_folder,
@@ -63,14 +65,18 @@ def verify(
     command = command_line("verify", [session, "--calibration", calibration, "--out", out, *stated, *plain])
     with progress(quiet=as_json) as show:
         allowed = limits_for(session, limits)
-        in_force = read_calibration(calibration)
-        rig, loaded = calibration_of(in_force), load_session(session)
-        demand_same_rig(loaded, in_force.session.rig)
-        chosen = artefact_capture(loaded, capture or None, rig)
-        bars = isinstance(chosen.target, Zigzag)
-        judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact
-        used = CalibrationUsed.of(in_force, _record_file(calibration))
-        record, report, table = judge(loaded, chosen, rig, used, command, show, allowed)
+        loaded = load_session(session)
+        if is_board_calibration(calibration):
+            record, report, table = _in_volume(loaded, capture or None, calibration, command, show, allowed)
+        else:
+            in_force = read_calibration(calibration)
+            rig = calibration_of(in_force)
+            demand_same_rig(loaded, in_force.session.rig)
+            chosen = artefact_capture(loaded, capture or None, rig)
+            bars = isinstance(chosen.target, Zigzag)
+            judge = partial(_bars, rows=_rows(rows), filters=filters) if bars else _artefact
+            used = CalibrationUsed.of(in_force, _record_file(calibration))
+            record, report, table = judge(loaded, chosen, rig, used, command, show, allowed)
         show("writing the report")
         with result_folder(out, last=VERIFICATION_FILE) as staging:
             write_report(report, staging)
@@ -102,6 +108,21 @@ def _artefact(session, capture, rig, used, command, show, limits):  # type: igno
     found = verify_artefact(capture, rig, progress=show)
     record = artefact_record(found, session, used, command=command, limits=limits)
     report = artefact_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
+    return record, report, _readings_table(found)
+
+
+def _in_volume(session, capture, calibration, command, show, limits):  # type: ignore[no-untyped-def]
+    """Judge an artefact in any pose by a rig that a board has calibrated: record, report and the table to print."""
+    from fringecal.records import CalibrationUsed, read_board_calibration
+    from fringecal.workflows.shared import demand_same_rig
+    from fringecal.workflows.verify import artefact_record, verify_in_volume, volume_verification_report
+
+    written = read_board_calibration(calibration)
+    demand_same_rig(session, written.session.rig)
+    found = verify_in_volume(session, capture, written, progress=show)
+    used = CalibrationUsed.of(written, _record_file(calibration))
+    record = artefact_record(found, session, used, command=command, limits=limits)
+    report = volume_verification_report(found, command=" ".join(command), created=datetime.now(UTC), limits=limits)
     return record, report, _readings_table(found)
 
 

@@ -5,6 +5,7 @@ from typing import Any, Final, Literal, Self
 
 from pydantic import Field
 
+from fringecal.records.board_calibration import BoardCalibrationRecord
 from fringecal.records.calibration_record import CalibrationRecord
 from fringecal.records.documents import read_document, write_document
 from fringecal.records.limits import Limits
@@ -87,7 +88,7 @@ class CalibrationUsed(Part):
     created: str = ""
 
     @classmethod
-    def of(cls, calibration: CalibrationRecord, file: Path) -> Self:
+    def of(cls, calibration: CalibrationRecord | BoardCalibrationRecord, file: Path) -> Self:
         """Name a calibration by the hash of the very bytes that it was read from, whatever `file` holds by now.
 
         Raises

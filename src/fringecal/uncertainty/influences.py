@@ -38,6 +38,7 @@ class Influence(Enum):
     PLATE_FLATNESS = "flatness of the plate"
     ARTEFACT_SCATTER = "scatter over the artefact"
     BREAK_SCATTER = "scatter of the breaks"
+    BOARD_RIG = "rig by its board"
     KNOWN_BIAS = "known bias"
     INPUT = "input"
 

@@ -22,6 +22,12 @@ from .forms.departures import (
 from .forms.departures import (
     departures_of as departures_of,
 )
+from .forms.fitted_forms import (
+    fit_plane as fit_plane,
+)
+from .forms.fitted_forms import (
+    fit_sphere as fit_sphere,
+)
 from .forms.folds import (
     Fold as Fold,
 )
@@ -48,6 +54,12 @@ from .forms.readings import (
 )
 from .forms.readings import (
     take_readings as take_readings,
+)
+from .forms.volume_probes import (
+    volume_probe as volume_probe,
+)
+from .forms.volume_search import (
+    PointPicture as PointPicture,
 )
 from .zigzag.filters import (
     FILTERS as FILTERS,

@@ -178,3 +178,12 @@ from .treatment import (
 from .treatment import (
     minus_plate as minus_plate,
 )
+from .volume_capture import (
+    VolumeCapture as VolumeCapture,
+)
+from .volume_capture import (
+    demand_for_rig as demand_for_rig,
+)
+from .volume_capture import (
+    points_of_capture as points_of_capture,
+)

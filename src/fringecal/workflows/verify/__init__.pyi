@@ -64,3 +64,15 @@ from .session_artefacts import (
 from .session_artefacts import (
     verify_session as verify_session,
 )
+from .volume_artefacts import (
+    VolumeVerification as VolumeVerification,
+)
+from .volume_artefacts import (
+    judged_in_volume as judged_in_volume,
+)
+from .volume_artefacts import (
+    verify_in_volume as verify_in_volume,
+)
+from .volume_report import (
+    volume_verification_report as volume_verification_report,
+)

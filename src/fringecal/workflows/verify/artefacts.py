@@ -1,6 +1,6 @@
 """Verify a calibrated rig on a flat, steps, a wedge, a box, a sphere or a ball bar of known size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,15 +33,30 @@ class ArtefactVerification:
     @property
     def sentence(self) -> str:
         """State whether the artefact's numbers agree with its certificate."""
-        judged = [reading for reading in self.readings if reading.en is not None]
-        if not judged:
-            return "The certificate states no value with an uncertainty here: errors are reported, not judged."
-        worst = max(judged, key=lambda reading: abs(reading.en or 0.0))
-        verb = "agree" if abs(worst.en or 0.0) <= 1 else "do not agree"
-        return (
-            f"Measured and certified values {verb} within both uncertainties: largest |En| {abs(worst.en or 0.0):.2f} "
-            f"({worst.name}: error {worst.error:+.4g} {worst.unit})."
-        )
+        return sentence_of(self.readings)
+
+    @property
+    def how(self) -> str:
+        """State by which phase shifts the artefact was measured."""
+        return self.phase.sentence()
+
+    @property
+    def height_model(self) -> str:
+        """By what heights follow from phase."""
+        return "projective"
+
+
+def sentence_of(readings: Sequence[Reading]) -> str:
+    """State whether an artefact's numbers agree with its certificate."""
+    judged = [reading for reading in readings if reading.en is not None]
+    if not judged:
+        return "The certificate states no value with an uncertainty here: errors are reported, not judged."
+    worst = max(judged, key=lambda reading: abs(reading.en or 0.0))
+    verb = "agree" if abs(worst.en or 0.0) <= 1 else "do not agree"
+    return (
+        f"Measured and certified values {verb} within both uncertainties: largest |En| {abs(worst.en or 0.0):.2f} "
+        f"({worst.name}: error {worst.error:+.4g} {worst.unit})."
+    )
 
 
 def verify_artefact(

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from fringecal.workflows.verify.artefacts import ArtefactVerification
     from fringecal.workflows.verify.run import Verification
     from fringecal.workflows.verify.session_artefacts import Verified
+    from fringecal.workflows.verify.volume_artefacts import VolumeVerification
 
 
 def verified_checks(found: "Verified", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
@@ -81,7 +82,9 @@ def _tolerated_mean(found: "Verification", limits: Limits) -> Check:
     )
 
 
-def artefact_checks(found: "ArtefactVerification", limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
+def artefact_checks(
+    found: "ArtefactVerification | VolumeVerification", limits: Limits = DEFAULT_LIMITS
+) -> tuple[Check, ...]:
     """Return the checks of an artefact: every certified number, and its pixels against its form."""
     quotient = "error / root sum of squares of U of rig and certificate"
     numbers = tuple(

@@ -16,10 +16,11 @@ from fringecal.verification import Reading
 from fringecal.workflows.shared import budget_rows, inputs_of, session_note
 from fringecal.workflows.verify.artefacts import ArtefactVerification
 from fringecal.workflows.verify.checks import artefact_checks
+from fringecal.workflows.verify.volume_artefacts import VolumeVerification
 
 
 def artefact_record(
-    found: ArtefactVerification,
+    found: ArtefactVerification | VolumeVerification,
     session: Session,
     calibration: CalibrationUsed,
     *,
@@ -36,12 +37,12 @@ def artefact_record(
         en_definition=EN_DEFINITION,
         capture=found.capture.name,
         target=found.target.model_dump(mode="json"),
-        height_model="projective",
+        height_model=found.height_model,
         readings=tuple(_reading_record(reading) for reading in found.readings),
         sentence=found.sentence,
         checks=artefact_checks(found, limits),
         limits=limits,
-        notes=(found.phase.sentence(), *found.probe.notes),
+        notes=(found.how, *found.probe.notes),
     )
 
 

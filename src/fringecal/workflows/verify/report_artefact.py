@@ -20,6 +20,7 @@ from fringecal.workflows.shared import (
 )
 from fringecal.workflows.verify.artefacts import ArtefactVerification
 from fringecal.workflows.verify.checks import artefact_checks
+from fringecal.workflows.verify.volume_artefacts import VolumeVerification
 
 _NOTE = (
     "error = measured - certified; u: standard uncertainty of rig and certificate, dof that of the rig's; "
@@ -49,10 +50,10 @@ def artefact_report(
         title=f"Verification on {found.target.name}",
         subtitle=f"Capture {found.capture.name}; certificate: {found.target.certificate}",
         verdict=Verdict(severest(artefact_checks(found, limits)), found.sentence),
-        facts=tuple(_fact(reading) for reading in found.readings),
+        facts=tuple(reading_fact(reading) for reading in found.readings),
         sections=(
             numbers_section(found),
-            *_budgets(found),
+            *budget_sections(found),
             artefact_surface_section(found),
             phase_section((found.phase,)),
         ),
@@ -63,13 +64,14 @@ def artefact_report(
     )
 
 
-def _fact(reading: Reading) -> Fact:
+def reading_fact(reading: Reading) -> Fact:
+    """Return a number for the report's head."""
     unit = "" if reading.unit == "1" else f" {reading.unit}"
     note = "not certified" if reading.error is None else f"error {reading.error:+.4f}{unit}"
     return Fact(reading.name[0].upper() + reading.name[1:], f"{reading.measured:.4f}{unit}", note)
 
 
-def numbers_section(found: ArtefactVerification) -> Section:
+def numbers_section(found: ArtefactVerification | VolumeVerification) -> Section:
     """Tabulate every number of the artefact beside its certificate."""
     formats = {
         "measured": ".4f",
@@ -90,7 +92,7 @@ def numbers_section(found: ArtefactVerification) -> Section:
     )
 
 
-def _budgets(found: ArtefactVerification) -> tuple[Section, ...]:
+def budget_sections(found: ArtefactVerification | VolumeVerification) -> tuple[Section, ...]:
     """Show the uncertainty budget of the largest certified number."""
     judged = [r for r in found.readings if r.u_measured and r.reference is not None]
     if not judged:
