@@ -10,12 +10,22 @@ import numpy as np
 import pytest
 
 from fringecal.phase.diagnostics.finding_kinds import FINDING_TEXTS
+from fringecal.projector import BOARD_RIG_NAMES
 from fringecal.projector.move_kinds import MOVE_TEXTS
+from fringecal.records import BoardCalibrationRecord, write_board_calibration
 from fringecal.session import Session, load_session, write_session
-from fringecal.simulate import load_rig, simulate_session, truth_of
+from fringecal.simulate import (
+    load_raster_rig,
+    load_rig,
+    raster_truth,
+    simulate_raster_session,
+    simulate_session,
+    truth_of,
+)
 from fringecal.uncertainty.influences import TEXTS
 from fringecal.workflows.audit.cause_kinds import CAUSE_TEXTS
 from fringecal.workflows.commission import CalibratedSession, Commissioning, calibrate_session, judged_session
+from fringecal.workflows.shared import inputs_of, session_note
 from fringecal.workflows.verify.run import Verification, verify
 
 SEED = 2008
@@ -116,3 +126,73 @@ def renamed(monkeypatch):
     for table in TEXT_TABLES:
         for one in table:
             monkeypatch.setitem(table, one, "renamed")
+
+
+# ---- a rig with a raster projector
+VOLUME_PX = (360, 288)
+VOLUME_CAMERA = {
+    "width_px": VOLUME_PX[0],
+    "height_px": VOLUME_PX[1],
+    "focal_px": 675.0,
+    "principal_offset_px": (1.5, -0.9),
+}
+VOLUME_PLACES = {
+    "ball": ((0.0, 0.0, 630.0), (4.0, -6.0, 0.0)),
+    "bar": ((0.0, 0.0, 620.0), (-6.0, 9.0, 25.0)),
+    "flat": ((0.0, 0.0, 600.0), (14.0, -10.0, 0.0)),
+    "block": ((0.0, 0.0, 620.0), (-10.0, 8.0, 30.0)),
+}
+DRAWN = {"format": 1, "certificate": "virtual"}
+VOLUME_TARGETS = {
+    "ball": {"kind": "sphere", "diameter_mm": {"value": 50.0, "u": 0.0005}},
+    "bar": {"kind": "ball-bar", "diameters_mm": {"value": [50.0, 50.0], "u": 0.0005},
+            "spacing_mm": {"value": 130.0, "u": 0.0005}},
+    "flat": {"kind": "flat", "flatness_mm": {"value": 0.0, "u": 0.0005}},
+    "block": {"kind": "steps", "heights_mm": {"value": [10.0, 20.0, 30.0], "u": 0.001},
+              "width_mm": {"value": [30.0] * 3, "u": 0.01}, "length_mm": {"value": 80.0, "u": 0.05}},
+}  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def volume_rig():
+    """The shipped rig with small pictures, and artefacts in poses of their own."""
+    captures = [
+        {"name": name, "kind": "artefact", "target": DRAWN | {"name": name} | VOLUME_TARGETS[name],
+         "position_mm": at, "turn_deg": turn}
+        for name, (at, turn) in VOLUME_PLACES.items()
+    ]  # fmt: skip
+    return load_raster_rig("dlp-small").at(camera=VOLUME_CAMERA, capture=captures)
+
+
+@pytest.fixture(scope="session")
+def volume_folder(volume_rig, tmp_path_factory):
+    made = simulate_raster_session(volume_rig, seed=5)
+    return write_session(tmp_path_factory.mktemp("volume") / "session", made.document, made.frames,
+                         extra_files=made.files)  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def board_record(volume_rig, volume_folder, tmp_path_factory):
+    """The file of the record that a board would give: the truth, known as well as fifteen poses tell it."""
+    truth, session = raster_truth(volume_rig), load_session(volume_folder)
+    u = np.array([0.05, 0.05, 0.1, 0.1, 1e-3, 5e-3, 1e-5, 1e-5, 1e-4] * 2 + [1e-5] * 3 + [0.01] * 3)
+    values = np.array([*truth["camera"], *truth["projector"], 0.0, 0.0, 0.0, *truth["shift_mm"]])
+    # The records' order of Brown's terms is k1, k2, p1, p2, k3, as the truth's.
+    corners = [(x, y, z) for x in (-60.0, 60.0) for y in (-45.0, 45.0) for z in (540.0, 660.0)]
+    rasters = [
+        {"axis": axis, "extent_px": extent, "periods_px": [extent / n for n in volume_rig.fringes.fringes],
+         "zeros_rad": [0.0] * 3, "falls": False}
+        for axis, extent in (("u", 640), ("v", 360))
+    ]  # fmt: skip
+    number = {"value": 260.0, "u": 0.02, "unit": "mm"}
+    record = BoardCalibrationRecord(
+        software={"fringecal": "test"}, session=session_note(session), inputs=inputs_of(session, only=()),
+        image={"width": VOLUME_PX[0], "height": VOLUME_PX[1], "white_level": 255}, columns=640, rows=360,
+        names=BOARD_RIG_NAMES,
+        parameters=tuple(values.tolist()), rotation=truth["rotation"], covariance=np.diag(u**2).tolist(),
+        camera_rms_px=0.03, projector_rms_px=0.03, stereo_rms_px=0.04, camera_s_px=0.03, projector_s_px=0.03,
+        axes=("u", "v"), raster=rasters, poses=(),
+        volume={"points_mm": corners, "u_least_mm": 0.01, "u_largest_mm": 0.02},
+        baseline_mm=number, angle_deg=number | {"unit": "deg"},
+    )  # fmt: skip
+    return write_board_calibration(record, tmp_path_factory.mktemp("calibration"))

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from fringecal.cli import commission as verb
 from fringecal.cli import reconstruct as reconstruct_verb
 from fringecal.errors import RecordError, SessionError
+from fringecal.history import open_history
 from fringecal.records import read_board_calibration, read_calibration, read_record, write_board_calibration
 from fringecal.records.schemas import published_schema
 from fringecal.session import load_session, write_session
@@ -143,14 +144,17 @@ def test_the_command_writes_record_camera_and_report(found, folder, tmp_path, mo
     app = typer.Typer()
     app.callback()(lambda: None)
     verb.register(app)
-    result = CliRunner().invoke(app, ["commission", str(folder), "--out", str(tmp_path / "out"), "--json"])
+    run = ["commission", str(folder), "--out", str(tmp_path / "out"), "--history", str(tmp_path / "h.sqlite"), "--json"]
+    result = CliRunner().invoke(app, run)
     assert result.exit_code == 0, result.output
     document = json.loads(result.stdout)
     assert document["format"] == "fringecal-board-calibration/1"
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"calibration.json", "camera.cameramodel", "report.html"} <= names
-    kept = ["commission", str(folder), "--out", str(tmp_path / "o"), "--history", "h.sqlite"]
-    assert CliRunner().invoke(app, kept).exit_code == 2
+    with open_history(str(tmp_path / "h.sqlite"), create=False) as history:
+        baseline = history.readings(quantity="baseline").iloc[-1]
+    assert baseline["kind"] == "calibration"
+    assert baseline["value"] == pytest.approx(found.fit.rig.baseline_mm)
 
 
 def test_a_pose_whose_board_moved_is_left_aside_with_the_reason(found) -> None:

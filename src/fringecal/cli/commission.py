@@ -65,10 +65,6 @@ def commission(
         loaded = load_session(session)
         record: CalibrationRecord | BoardCalibrationRecord
         if is_board_session(loaded):
-            if history:
-                raise typer.BadParameter(
-                    "calibrations by a board are not kept in a history yet", param_hint="--history"
-                )
             record = commission_by_board(loaded, out, command, allowed, show)
         else:
             found = run(loaded, progress=show)

@@ -10,13 +10,16 @@ from typing import Any
 
 from fringecal.records import (
     AuditRecord,
+    BoardCalibrationRecord,
     CalibrationRecord,
     Check,
     EstimateRecord,
     VerificationRecord,
+    board_calibration_of_bytes,
     record_bytes,
     record_file,
     record_of_bytes,
+    states_board_calibration,
 )
 from fringecal.uncertainty import Estimate, en_score
 
@@ -90,6 +93,8 @@ def read_entry(path: str | Path) -> Entry:
         The folder holds no record or several, or the file is none, damaged, or newer than this version.
     """
     content = record_bytes(file := record_file(path))
+    if states_board_calibration(content):
+        return _entry(board_calibration_of_bytes(content, str(file)), "calibration", content, str(path))
     record, kind = record_of_bytes(content, str(file))
     return _entry(record, kind.name, content, str(path))
 
@@ -138,7 +143,10 @@ def _estimate(quantity: str, estimate: EstimateRecord) -> Reading:
     return Reading(quantity, estimate.value, estimate.unit, estimate.u, estimate.dof)
 
 
-def _of_calibration(record: CalibrationRecord) -> Iterator[Reading]:
+def _of_calibration(record: CalibrationRecord | BoardCalibrationRecord) -> Iterator[Reading]:
+    if isinstance(record, BoardCalibrationRecord):
+        yield from _of_board_calibration(record)
+        return
     yield _estimate("scale, mean", record.scale.mean)
     yield _estimate("scale, horizontal", record.scale.horizontal)
     yield _estimate("scale, vertical", record.scale.vertical)
@@ -149,6 +157,28 @@ def _of_calibration(record: CalibrationRecord) -> Iterator[Reading]:
     yield Reading("plate residual, rms", record.rig.plate_residual_rms_rad, "rad")
     for forecast in record.advice.forecasts if record.advice else ():
         yield Reading(f"standard uncertainty of {forecast.height_mm:g} mm", forecast.u_mm, "mm")
+
+
+_PARAMETERS = {
+    "camera.fx_px": "focal length of the camera",
+    "camera.cx_px": "centre of the camera's picture, u",
+    "camera.cy_px": "centre of the camera's picture, v",
+    "projector.fx_px": "focal length of the projector",
+    "projector.cx_px": "centre of the projector's frame, u",
+    "projector.cy_px": "centre of the projector's frame, v",
+}
+
+
+def _of_board_calibration(record: BoardCalibrationRecord) -> Iterator[Reading]:
+    """Give what a rig of camera and inverse camera is known by; what its poses say nothing of is left out."""
+    yield _estimate("baseline", record.baseline_mm)
+    yield _estimate("angle of the rays amid the boards", record.angle_deg)
+    for k, name in enumerate(record.names):
+        if name in _PARAMETERS and name not in record.undetermined:
+            u = math.sqrt(max(record.covariance[k][k], 0.0))
+            yield Reading(_PARAMETERS[name], record.parameters[k], "px", u, record.dof)
+    yield Reading("residual of both pictures, rms", record.stereo_rms_px, "px")
+    yield Reading("largest standard uncertainty of a point", record.volume.u_largest_mm, "mm")
 
 
 def _of_verification(record: VerificationRecord) -> Iterator[Reading]:

@@ -29,10 +29,16 @@ from .board_calibration import (
     VolumeRecord as VolumeRecord,
 )
 from .board_calibration import (
+    board_calibration_of_bytes as board_calibration_of_bytes,
+)
+from .board_calibration import (
     is_board_calibration as is_board_calibration,
 )
 from .board_calibration import (
     read_board_calibration as read_board_calibration,
+)
+from .board_calibration import (
+    states_board_calibration as states_board_calibration,
 )
 from .board_calibration import (
     write_board_calibration as write_board_calibration,

@@ -104,11 +104,19 @@ def board_calibration_of_bytes(content: bytes, name: str) -> BoardCalibrationRec
     return document_of_bytes(content, BoardCalibrationRecord, BOARD_CALIBRATION_FORMAT, name=name)
 
 
+def states_board_calibration(content: bytes) -> bool:
+    """Tell whether the bytes of a file state the format of a calibration by a board; what cannot be read does not."""
+    try:
+        return json_of(text_of(content)).get("format") == BOARD_CALIBRATION_FORMAT
+    except Refusal:
+        return False
+
+
 def is_board_calibration(path: str | Path) -> bool:
     """Tell whether a file states the format of a calibration by a board; what cannot be read does not."""
     try:
-        return json_of(text_of(record_bytes(_file(path)))).get("format") == BOARD_CALIBRATION_FORMAT
-    except (Refusal, RecordError):
+        return states_board_calibration(record_bytes(_file(path)))
+    except RecordError:
         return False
 
 

@@ -150,7 +150,7 @@ def _(target: Steps, seen: PointPicture) -> Probe:
     own = target.heights_mm.u_array(nominal.size)
     base, tops = find_levels(seen, nominal)
     order = sorted(tops, key=lambda k: float(nominal[k]))
-    first = None if base is not None else order.pop(0)
+    first = order.pop(0) if base is None else None
     level, u_level = (0.0, 0.0) if first is None else (float(nominal[first]), float(own[first]))
     over = "" if first is None else f" over that of {nominal[first]:g} mm"
     references = {
@@ -162,8 +162,8 @@ def _(target: Steps, seen: PointPicture) -> Probe:
     names, certified = tuple(references), np.array([one.value for one in references.values()])
 
     def numbers(groups: Sequence[Floats]) -> Numbers:
-        ground = fit_plane(groups[0])
-        heights = np.array([float(np.median((g - ground.point_mm) @ ground.normal)) for g in groups[1:]])
+        plane = fit_plane(groups[0])
+        heights = np.array([float(np.median((g - plane.point_mm) @ plane.normal)) for g in groups[1:]])
         x, y = np.append(0.0, certified), np.append(0.0, heights)
         slope, offset = np.polyfit(x, y, 1)
         found = dict(zip(names, map(float, heights), strict=True))
@@ -173,7 +173,9 @@ def _(target: Steps, seen: PointPicture) -> Probe:
         }
 
     references["amplification coefficient"] = Estimate(1.0, _slope_u(certified, references), "1", "step heights")
-    groups = (base if first is None else tops[first], *(tops[k] for k in order))
+    ground = tops[first] if base is None and first is not None else base
+    assert ground is not None
+    groups = (ground, *(tops[k] for k in order))
     missed = tuple(f"the step of {h:g} mm is not to be seen" for k, h in enumerate(nominal) if k not in tops)
     aside = () if first is None else ("what the block stands on is not to be seen: steps are counted from the lowest",)
     units = {"amplification coefficient": "1"}

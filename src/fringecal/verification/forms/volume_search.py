@@ -90,7 +90,8 @@ class PointPicture:
             )
         step = max(1, int(math.sqrt(valid.size / rules.pixels)))
         few = points[::step, ::step]
-        facets = fit_facets(*np.moveaxis(few, -1, 0), valid[::step, ::step], block_px=rules.block_px)
+        x, y, z = few[..., 0], few[..., 1], few[..., 2]
+        facets = fit_facets(x, y, z, valid[::step, ::step], block_px=rules.block_px)
         return cls(points, valid, away / np.linalg.norm(away), facets)
 
     @property
@@ -134,11 +135,10 @@ def _heap(middles: Floats, normals: Floats, diameter: float, rules: SearchRules)
     centres = (middles - diameter / 2 * normals)[known]
     if len(centres) >= rules.least_blocks:
         tree = cKDTree(centres)
-        near = tree.query_ball_point(centres, rules.heap * diameter)
-        count = np.array([len(each) for each in near])
-        best = int(count.argmax())
-        if count[best] >= rules.least_blocks:
-            return np.asarray(np.median(centres[near[best]], axis=0))
+        count = np.asarray(tree.query_ball_point(centres, rules.heap * diameter, return_length=True))
+        if count.max() >= rules.least_blocks:
+            near = np.linalg.norm(centres - centres[int(count.argmax())], axis=1) < rules.heap * diameter
+            return np.asarray(np.median(centres[near], axis=0))
     raise FitError(
         f"no ball of {diameter:g} mm is to be seen; check the target's diameter, and that the ball is matt, lit, "
         "and not saturated"
