@@ -92,7 +92,7 @@ def bows_of(points: Floats) -> Floats:
     Examples
     --------
     >>> x, y = (axis.ravel() for axis in np.mgrid[-50:51:5, -30:31:5].astype(float))
-    >>> bows_of(np.column_stack([x, y, 0.2 - 0.02 * (x / 50) ** 2])).round(5).tolist()
+    >>> (bows_of(np.column_stack([x, y, 0.2 - 0.02 * (x / 50) ** 2])).round(5) + 0.0).tolist()
     [0.02, 0.0, 0.0]
     """
     fit = fit_plane(points)
