@@ -1,6 +1,7 @@
 """What the verbs write and print, on the oblique rig: files that others can read, JSON that keeps its schema."""
 
 import json
+import os
 
 import gwyfile
 import laspy
@@ -203,7 +204,9 @@ def test_a_sheet_is_drawn(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_demo(run, tmp_path):
+@pytest.mark.usefixtures("blank_figures")
+def test_demo(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 1)  # a second process would draw the figures
     out = tmp_path / "demo"
     outcome = run("demo", "--out", out, "--no-open", "--json")
     assert outcome.code == 0

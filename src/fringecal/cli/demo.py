@@ -6,6 +6,7 @@ import time
 import webbrowser
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -14,9 +15,15 @@ from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
 from fringecal.cli.shared.saving import demand_folder, progress
+from fringecal.cli.shared.second_process import second_process
 from fringecal.report import write_report
 from fringecal.uncertainty import uncertainty_text, value_text
 from fringecal.workflows.shared import command_line
+
+if TYPE_CHECKING:
+    from fringecal.workflows.commission import Commissioning
+    from fringecal.workflows.reconstruct import Measurement
+    from fringecal.workflows.verify import Verification
 
 HELP = """Simulate the thesis's rig, commission and verify it, reconstruct a leaf, and read real captures.
 
@@ -43,12 +50,20 @@ def demo(
     from fringecal.session import load_session, write_session
     from fringecal.simulate import load_rig, simulate_session, truth_of
     from fringecal.thesis import analytic_cases
-    from fringecal.workflows.demo import DemoTruth, demonstrate, demonstration_report, read_real, result_table
+    from fringecal.workflows.demo import (
+        DemoTruth,
+        compile_ahead,
+        demonstrate,
+        demonstration_report,
+        read_real,
+        result_table,
+    )
 
     started = time.perf_counter()
     demand_folder(out)
     command = command_line("demo", ["--out", out])
-    with progress(quiet=as_json) as show:
+    with progress(quiet=as_json) as show, second_process() as beside:
+        beside(compile_ahead)
         rig = load_rig("thesis")
         simulated = simulate_session(rig, seed=seed, progress=lambda name: show(f"drawing {name}"))
         folder = write_session(
@@ -56,11 +71,12 @@ def demo(
         )
         true = truth_of(rig)
         truth = DemoTruth(true.scale_h, true.scale_v, true.angle_origin_deg, simulated.captures["leaf"].z)
-        found = demonstrate(load_session(folder), truth, progress=show)
+        found = demonstrate(
+            load_session(folder), truth, progress=show, done=lambda part: beside(_save, out, part, command)
+        )
         real = [capture for name in _real_folders() for capture in read_real(load_session(name), progress=show)]
         table = result_table(found)
         show("writing the reports")
-        _save(out, found, command)
         analytic = tuple(analytic_cases())
         report = demonstration_report(
             found, table, real, analytic, command=" ".join(command), created=datetime.now(UTC)
@@ -94,37 +110,61 @@ def _real_folders() -> list[Path]:
     return [data / name for name in _REAL if (data / name / "session.toml").is_file()]
 
 
-def _save(out: Path, found, command: tuple[str, ...]) -> None:  # type: ignore[no-untyped-def]
+def _save(out: Path, part: "Commissioning | Verification | Measurement", command: tuple[str, ...]) -> None:
+    """Write record and report of one part of the demonstration into its own folder."""
+    from fringecal.workflows.commission import Commissioning
+    from fringecal.workflows.reconstruct import Measurement
+
+    if isinstance(part, Commissioning):
+        _save_calibration(out / "calibration", part, command)
+    elif isinstance(part, Measurement):
+        _save_leaf(out / "leaf", part, command)
+    else:
+        _save_verification(out, part, command)
+
+
+def _save_calibration(out: Path, found: "Commissioning", command: tuple[str, ...]) -> None:
     from fringecal.records import (
         CALIBRATION_FILE,
         CAMERAMODEL_FILE,
+        result_folder,
+        write_calibration,
+        write_cameramodel,
+    )
+    from fringecal.workflows.commission import calibration_record, commission_report
+
+    with result_folder(out, last=CALIBRATION_FILE) as staging:
+        write_cameramodel(staging / CAMERAMODEL_FILE, found.calibrated.result.rig.camera)
+        write_report(commission_report(found, command=" ".join(command), created=datetime.now(UTC)), staging)
+        write_calibration(calibration_record(found, command=command), staging)
+
+
+def _save_verification(out: Path, found: "Verification", command: tuple[str, ...]) -> None:
+    from fringecal.records import (
+        CALIBRATION_FILE,
         VERIFICATION_FILE,
         CalibrationUsed,
         result_folder,
         sha256_of,
-        write_calibration,
-        write_cameramodel,
-        write_surfaces,
         write_verification,
     )
-    from fringecal.workflows.commission import calibration_record, commission_report
-    from fringecal.workflows.reconstruct import measurement_report
+    from fringecal.session import load_session
     from fringecal.workflows.verify import verification_record, verification_report
 
-    line, now = " ".join(command), datetime.now(UTC)
-    with result_folder(out / "calibration", last=CALIBRATION_FILE) as staging:
-        write_cameramodel(staging / CAMERAMODEL_FILE, found.commissioning.calibrated.result.rig.camera)
-        write_report(commission_report(found.commissioning, command=line, created=now), staging)
-        written = write_calibration(calibration_record(found.commissioning, command=command), staging)
-        used = CalibrationUsed(file=written.name, sha256=sha256_of(written))
-    session = found.commissioning.calibrated.session
+    used = CalibrationUsed(file=CALIBRATION_FILE, sha256=sha256_of(out / "calibration" / CALIBRATION_FILE))
+    record = verification_record(found, load_session(out / "session"), used, command=command)
     with result_folder(out / "verification", last=VERIFICATION_FILE) as staging:
-        write_report(verification_report(found.verification, command=line, created=now), staging)
-        record = verification_record(found.verification, session, used, command=command)
+        write_report(verification_report(found, command=" ".join(command), created=datetime.now(UTC)), staging)
         write_verification(record, staging)
-    with result_folder(out / "leaf", last="report.html") as staging:
-        write_surfaces(staging, found.leaf.surface, stride=2)
-        write_report(measurement_report(found.leaf, command=line, created=now), staging)
+
+
+def _save_leaf(out: Path, found: "Measurement", command: tuple[str, ...]) -> None:
+    from fringecal.records import result_folder, write_surfaces
+    from fringecal.workflows.reconstruct import measurement_report
+
+    with result_folder(out, last="report.html") as staging:
+        write_surfaces(staging, found.surface, stride=2)
+        write_report(measurement_report(found, command=" ".join(command), created=datetime.now(UTC)), staging)
 
 
 def _table(frame: pd.DataFrame) -> Table:

@@ -50,6 +50,9 @@ from .height_map import (
     Reason as Reason,
 )
 from .object_phase import (
+    ObjectPhase as ObjectPhase,
+)
+from .object_phase import (
     absolute_phase as absolute_phase,
 )
 from .perturbed import (

@@ -1,3 +1,6 @@
+from .compiled_ahead import (
+    compile_ahead as compile_ahead,
+)
 from .report import (
     demonstration_report as demonstration_report,
 )

@@ -12,7 +12,7 @@ from fringecal.session import Session
 from fringecal.workflows.commission import Commissioning, commission
 from fringecal.workflows.reconstruct import Measurement, reconstruct
 from fringecal.workflows.shared import CapturePhase, phase_of_capture
-from fringecal.workflows.verify import Verification, verify
+from fringecal.workflows.verify import Verification, studied
 
 Progress = Callable[[str], None]
 
@@ -55,12 +55,32 @@ class RealCapture:
     period: FringePeriod
 
 
-def demonstrate(session: Session, truth: DemoTruth, *, progress: Progress = lambda _: None) -> Demonstration:
-    """Commission the virtual rig, verify it on the bars and reconstruct the leaf."""
+def demonstrate(
+    session: Session,
+    truth: DemoTruth,
+    *,
+    progress: Progress = lambda _: None,
+    done: Callable[[Commissioning | Verification | Measurement], None] = lambda _: None,
+) -> Demonstration:
+    """Commission the virtual rig, verify it on the bars and reconstruct the leaf.
+
+    Parameters
+    ----------
+    session, truth
+        The rig's session, and what is true of it.
+    progress
+        Called with a short sentence before each step.
+    done
+        Called with each result as soon as it is there.
+    """
     found = commission(session, progress=progress)
+    done(found)
     rig = found.calibrated.result.rig
-    verification = verify(session, "bars", rig, progress=progress)
+    (bars,) = found.verified.bars
+    verification = studied(bars, rig, progress=progress)
+    done(verification)
     leaf = reconstruct(session, "leaf", rig, progress=progress)
+    done(leaf)
     return Demonstration(found, verification, leaf, truth)
 
 

@@ -50,6 +50,9 @@ from .run import (
     artefact_capture as artefact_capture,
 )
 from .run import (
+    studied as studied,
+)
+from .run import (
     verify as verify,
 )
 from .session_artefacts import (

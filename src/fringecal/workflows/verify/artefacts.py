@@ -7,12 +7,12 @@ import numpy as np
 
 from fringecal.errors import FringecalError
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import HeightMap, points_by_component
+from fringecal.reconstruct import HeightMap, height_of_phase, points_by_component
 from fringecal.session import Capture
 from fringecal.targets import Artefact, Flat, footprint_mm, surface_mm
 from fringecal.verification import Departures, Probe, Reading, departures_of, probe, take_readings
 from fringecal.workflows.shared import CapturePhase, caused_by_frames_of, phase_of_capture
-from fringecal.workflows.verify.form_phase import form_place, shown_form, surfaces_of
+from fringecal.workflows.verify.form_phase import form_place, shown_form, shown_phase
 from fringecal.workflows.verify.height_range import with_headroom
 
 _ACROSS, _ALONG = 401, 41  # places of an artefact's footprint at which its height is asked: across it heights change
@@ -88,7 +88,7 @@ def verify_artefact(
         shown = shown_form(
             target, form_place(target, phase.map, calibration, name=capture.name), phase.map, calibration
         )
-        (surface,) = surfaces_of(shown, phase.map, calibration, heights)
+        surface = height_of_phase(shown_phase(shown, phase.map, calibration, heights), calibration)
         progress(f"finding the {target.kind} and its numbers")  # type: ignore[attr-defined]
         found = probe(target, surface, np.where(shown.core, shown.top, -1))
         readings = take_readings(

@@ -1,6 +1,5 @@
 """An artefact's phase by what is known of it: its form is looked for, and decides the order of every fringe on it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import numpy as np
 from fringecal.errors import FitError
 from fringecal.phase import PhaseMap
 from fringecal.projector import RigCalibration
-from fringecal.reconstruct import HeightMap, Reason, absolute_phase, height_of_phase
+from fringecal.reconstruct import ObjectPhase, Reason, absolute_phase
 from fringecal.targets import Artefact, tops_of
 from fringecal.verification import FormPhase, FormPlace, demand_form, find_form, orders_by_form
 
@@ -54,14 +53,10 @@ def shown_form(target: Artefact, place: FormPlace, phase_map: PhaseMap, calibrat
     return orders_by_form(tops_of(target), place, phase_map.phase, phase_map.valid, calibration)
 
 
-def surfaces_of(
-    shown: FormPhase,
-    phase_map: PhaseMap,
-    calibration: RigCalibration,
-    height_range_mm: tuple[float, float],
-    models: Sequence[str] = ("projective",),
-) -> tuple[HeightMap, ...]:
-    """Return the surface of an artefact and the plate beside it by each height model, everything else masked.
+def shown_phase(
+    shown: FormPhase, phase_map: PhaseMap, calibration: RigCalibration, height_range_mm: tuple[float, float]
+) -> ObjectPhase:
+    """Return the phase of an artefact and the plate beside it over the plate's, everything else masked.
 
     Where further periods decide orders by themselves they do so here as well: the form only says where it lies.
 
@@ -73,13 +68,10 @@ def surfaces_of(
         Phase of the capture, and the rig.
     height_range_mm
         Heights that the artefact can have.
-    models
-        Names of height models; see `fringecal.projector.HEIGHT_MODELS`.
     """
     absolute = absolute_phase(phase_map, calibration, height_range_mm=height_range_mm)
     step = shown.step_rad
     if phase_map.orders is not None:
         step = np.where(np.isfinite(step), absolute.difference_rad, np.nan)
     reasons = np.where(np.isfinite(step), 0, np.maximum(absolute.reasons, int(Reason.ORDER_UNDECIDED)))
-    absolute = replace(absolute, difference_rad=step, reasons=reasons.astype(np.uint8))
-    return tuple(height_of_phase(absolute, calibration, model=model) for model in models)
+    return replace(absolute, difference_rad=step, reasons=reasons.astype(np.uint8))

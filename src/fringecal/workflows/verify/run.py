@@ -2,11 +2,11 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from fringecal.errors import FitError, FringecalError, SessionError
 from fringecal.projector import HEIGHT_MODELS, RigCalibration
-from fringecal.reconstruct import HeightMap, absolute_phase, height_of_phase
+from fringecal.reconstruct import HeightMap, ObjectPhase, absolute_phase, height_of_phase
 from fringecal.session import Capture, Session
 from fringecal.targets import BallBar, Box, Flat, Sphere, Steps, Strips, Wedge, Zigzag
 from fringecal.uncertainty import Influence
@@ -33,7 +33,7 @@ from fringecal.workflows.shared import (
     phase_of_capture,
     plate_beside,
 )
-from fringecal.workflows.verify.form_phase import form_place, shown_form, surfaces_of
+from fringecal.workflows.verify.form_phase import form_place, shown_form, shown_phase
 from fringecal.workflows.verify.height_range import with_headroom
 
 Progress = Callable[[str], None]
@@ -54,10 +54,11 @@ class Verification:
     phase: CapturePhase
     diagnosed: CaptureDiagnosis
     surface: HeightMap
+    place: FormPlace
     pose: ZigzagPose
     errors: ZigzagErrors
     models: dict[str, ZigzagErrors]
-    filters: tuple[FilterResult, ...]
+    filters: tuple[FilterResult, ...] = ()
 
 
 def verify(
@@ -100,27 +101,53 @@ def verify(
     plate = plate_beside(session, capture)
     try:
         progress("heights of the bars")
-        return _measured(phase, calibration, plate, rows_px, with_filters, with_models, progress)
+        found, absolute = _measured(phase, calibration, plate, rows_px, progress)
+        if with_models:
+            found = _by_other_models(found, absolute, calibration, rows_px, progress)
+        return _with_filters(found, calibration, progress) if with_filters else found
     except FringecalError as error:
         raise caused_by_frames_of(error, phase, plate) from error
 
 
-def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, and what it has found so far
+def studied(
+    found: Verification,
+    calibration: RigCalibration,
+    *,
+    with_filters: bool = True,
+    progress: Progress = lambda _: None,
+) -> Verification:
+    """Return a verification with its phase read by the simpler height models too, and with every filter judged.
+
+    Parameters
+    ----------
+    found
+        Bars as verified by the default profiles, for example with a whole session.
+    calibration
+        The same calibration.
+    with_filters
+        As for `verify`.
+    """
+    heights = with_headroom(zigzag_shape(found.target).height_mm)
+    shown = shown_form(found.target, found.place, found.phase.map, calibration)
+    absolute = shown_phase(shown, found.phase.map, calibration, heights)
+    found = _by_other_models(found, absolute, calibration, None, progress)
+    return _with_filters(found, calibration, progress) if with_filters else found
+
+
+def _measured(
     phase: CapturePhase,
     calibration: RigCalibration,
     plate: Capture | None,
     rows_px: tuple[int, ...] | None,
-    with_filters: bool,
-    with_models: bool,
     progress: Progress,
-) -> Verification:
+) -> tuple[Verification, ObjectPhase]:
+    """Read the bars by the rig model; also return the phase they were read from."""
     capture, target = phase.capture, phase.capture.target
     assert isinstance(target, Zigzag)
     heights = with_headroom(zigzag_shape(target).height_mm)
     place = _place(target, phase, calibration, heights)
-    simpler = HEIGHT_MODELS[:-1] if with_models else ()
-    shown = shown_form(target, place, phase.map, calibration)
-    surface, *others = surfaces_of(shown, phase.map, calibration, heights, ("projective", *simpler))
+    absolute = shown_phase(shown_form(target, place, phase.map, calibration), phase.map, calibration, heights)
+    surface = height_of_phase(absolute, calibration)
     progress("registering the zig-zag")
     turned = math.remainder(place.turn_rad, math.pi)
     pose = register_zigzag(surface, target, start=ZigzagPose(place.x_mm, place.y_mm, turned))
@@ -133,17 +160,25 @@ def _measured(  # noqa: PLR0913, PLR0917 -- private: what verify was asked for, 
         dof=surface.systematic.dof,
         common=_in_common(surface, target),
     )
-    models = {"projective": errors}
-    if with_models:
-        progress("height models side by side")
-    for name, other in zip(simpler, others, strict=True):
-        models[name] = zigzag_errors(other, target, pose, rows_px=rows_px)
-    filters: tuple[FilterResult, ...] = ()
-    if with_filters:
-        progress("filters ranked")
-        filters = _filter_study(phase, calibration, place, pose, heights)
     diagnosed = diagnose_capture(phase, calibration, plate=plate)
-    return Verification(capture, target, phase, diagnosed, surface, pose, errors, models, filters)
+    models = {"projective": errors}
+    return Verification(capture, target, phase, diagnosed, surface, place, pose, errors, models), absolute
+
+
+def _by_other_models(
+    found: Verification,
+    absolute: ObjectPhase,
+    calibration: RigCalibration,
+    rows_px: tuple[int, ...] | None,
+    progress: Progress,
+) -> Verification:
+    """Read the same phase by the simpler height models."""
+    progress("height models side by side")
+    models = dict(found.models)
+    for name in HEIGHT_MODELS[:-1]:
+        surface = height_of_phase(absolute, calibration, model=name)
+        models[name] = zigzag_errors(surface, found.target, found.pose, rows_px=rows_px)
+    return replace(found, models=models)
 
 
 def _in_common(surface: HeightMap, target: Zigzag) -> InCommon:
@@ -196,19 +231,13 @@ def _only_artefact(session: Session) -> Capture:
     return free[0] if len(free) == 1 else session.one("artefact")
 
 
-def _filter_study(
-    phase: CapturePhase,
-    calibration: RigCalibration,
-    place: FormPlace,
-    pose: ZigzagPose,
-    heights: tuple[float, float],
-) -> tuple[FilterResult, ...]:
+def _with_filters(found: Verification, calibration: RigCalibration, progress: Progress) -> Verification:
     """Measure again from filtered frames, then judge every filter after (thesis tables 4.3 to 4.8)."""
-    target = phase.capture.target
-    assert isinstance(target, Zigzag)
+    progress("filters ranked")
+    heights = with_headroom(zigzag_shape(found.target).height_mm)
     surfaces = {}
     for name in FILTERS:
-        filtered = filtered_phase(phase, name)
-        shown = shown_form(target, place, filtered, calibration)
-        (surfaces[name],) = surfaces_of(shown, filtered, calibration, heights)
-    return filter_study(surfaces, target, pose)
+        filtered = filtered_phase(found.phase, name)
+        shown = shown_form(found.target, found.place, filtered, calibration)
+        surfaces[name] = height_of_phase(shown_phase(shown, filtered, calibration, heights), calibration)
+    return replace(found, filters=filter_study(surfaces, found.target, found.pose))
