@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fringecal.phase import Finding, FindingKind
 from fringecal.projector import ProjectorPosition, angles_at_origin
 from fringecal.records import DEFAULT_LIMITS
 from fringecal.records.limits import Limits
@@ -138,6 +139,19 @@ def test_frames_that_are_well_pass(found):
     for name in ("reference", "strips"):
         check = check_named(commissioning_checks(found), f"frames of {name}")
         assert (check.value, check.decision) == (0.0, "pass")
+
+
+def test_compressed_frames_are_no_pass_however_small_their_phase_error(found):
+    """Of u(phase), which is understated, every other uncertainty is made."""
+    finding = Finding(FindingKind.COMPRESSED, "squares", "2 times", 0.001, "keep PNG")
+    plate, strips = found.diagnosed
+    marked = replace(plate, diagnosis=replace(plate.diagnosis, findings=(finding,)))
+    checks = commissioning_checks(replace(found, diagnosed=(marked, strips)))
+    assert check_named(checks, "frames of reference").decision == "conditionalFail"
+    assert severest(checks) == "conditionalFail"
+    bars = found.verified.bars[0]
+    bad = replace(bars, diagnosed=replace(bars.diagnosed, diagnosis=marked.diagnosis))
+    assert severest(verified_checks(replace(found.verified, bars=(bad,)))) == "conditionalFail"
 
 
 def test_rms_checks_state_their_uncertainty(found):

@@ -329,16 +329,17 @@ def smoothed_noise(
     """Note that the noise was smoothed, where the frames differ by more than neighbouring pixels do.
 
     `estimate_noise` looks at neighbours, which JPEG, demosaicing and denoising make alike; the residual of the
-    frames over a few fringes contains the rest too, with the surface's own roughness.
+    frames over a few fringes contains the rest too, with the surface's own roughness. Of all parts of the picture the
+    smoothest fifth counts, so that ridges and edges look like nothing of the kind.
     """
     if phase_shifts is None:
         return ()
-    ratio = phase_shifts.frame_noise / float(map_.noise.sigma(phase_shifts.background_level))
+    ratio = phase_shifts.quiet_noise / float(map_.noise.sigma(phase_shifts.background_level))
     if ratio < rules.noise_ratio:
         return ()
     return (
         f"the noise was smoothed (JPEG, demosaicing or denoising), or the surface is rough: over a few fringes the "
-        f"frames scatter by {phase_shifts.frame_noise:.2f} grey levels, {ratio:.1f} times what neighbouring pixels do; "
+        f"frames scatter by {phase_shifts.quiet_noise:.2f} grey levels, {ratio:.1f} times what neighbouring pixels do; "
         f"u(phase) may be too small by that factor",
     )
 

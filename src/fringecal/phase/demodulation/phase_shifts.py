@@ -30,6 +30,7 @@ NO_SCATTER = 1e-12
 RARE = 1e-4
 """Probability of chance below which the frames are believed against what is stated of them, or blamed."""
 
+_QUIET = 0.2  # share of the blocks that ridges and edges leave smooth on the artefacts of a session
 _CHANCE = 0.0027  # three standard deviations of a normal distribution
 _LEAST_BLOCKS = 4  # one more than a plane over the field has coefficients
 _LEAST_PLACES = 4  # along an axis, for a change of the phase shifts to be seen along it: as above
@@ -70,7 +71,9 @@ class PhaseShiftEstimate:
     rms_residual
         Residual of the frames against carrier, harmonics and shading, rms, grey levels.
     frame_noise
-        The part of it that is not texture: noise, the codec's errors, and roughness, grey levels.
+        The part of it that is not texture: noise, the codec's errors, and roughness, grey levels; median.
+    quiet_noise
+        The same in the smoothest fifth of the blocks: what ridges, edges and roughness of single parts add is missing.
     n_blocks
         Blocks of the picture that were smooth enough to be used.
     """
@@ -89,6 +92,7 @@ class PhaseShiftEstimate:
     modulation_level: float
     rms_residual: float
     frame_noise: float
+    quiet_noise: float
     n_blocks: int
 
     @property
@@ -221,6 +225,7 @@ def _combine(blocks: list[Block], stated: NDArray, shape: tuple[int, ...]) -> Ph
         modulation_level=float(np.median(np.abs(signal))),
         rms_residual=float(np.sqrt(np.median([block.rms**2 for block in blocks]))),
         frame_noise=float(np.sqrt(np.median([block.noise**2 for block in blocks]))),
+        quiet_noise=float(np.quantile([block.noise for block in blocks], _QUIET)),
         n_blocks=len(blocks),
     )
 

@@ -12,6 +12,7 @@ from fringecal.phase.demodulation.demodulate import PhaseMap, demodulate
 from fringecal.phase.demodulation.fringe_period import FringePeriod, fringe_period
 from fringecal.phase.demodulation.phase_shifts import PhaseShiftEstimate, phase_shifts_and_blocks
 from fringecal.phase.demodulation.waveform import Waveform, waveform_of_blocks
+from fringecal.phase.diagnostics.compression import square_contrast
 from fringecal.phase.diagnostics.evidence import Evidence, Finding, sparse
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 from fringecal.phase.diagnostics.finding_limits import FINDING_LIMITS, FindingLimits
@@ -119,6 +120,7 @@ def diagnose(
         spectra=frame_spectra(grey),
         white_level=_white_level(grey, white_level),
         of_several=of_several,
+        square_contrast=square_contrast(grey),
     )
     evidence = _with_reference(evidence, grey, reference, white_level)
     notes: list[str] = []

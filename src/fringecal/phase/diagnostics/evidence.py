@@ -77,6 +77,8 @@ class Evidence:
         Grey level of saturated pixels; None where it is not known.
     of_several
         Whether the set is one of the longer periods of several.
+    square_contrast
+        Fine power of squares of 8 px athwart over that of squares in place; None where not measured.
     """
 
     frames: NDArray[np.float64]
@@ -92,6 +94,7 @@ class Evidence:
     spectra: FrameSpectra | None = None
     white_level: float | None = None
     of_several: bool = False
+    square_contrast: float | None = None
 
     @property
     def fringes(self) -> float:

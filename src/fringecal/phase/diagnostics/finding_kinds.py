@@ -23,6 +23,7 @@ class FindingKind(Enum):
     UNEVEN_PHASE_SHIFTS = "uneven steps"
     SHORT_FRINGES = "too few pixels per fringe"
     LONG_FRINGES = "too many pixels per fringe"
+    COMPRESSED = "compressed frames"
 
     @property
     def fatal(self) -> bool:

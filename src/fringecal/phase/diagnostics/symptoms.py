@@ -4,6 +4,7 @@ Every test looks at what its cause does first hand (two equal frames, a frame's 
 the ripple of the phase alone names a family only: order 1 a frame's brightness, order 2 phase shifts, order N gamma.
 """
 
+from fringecal.phase.diagnostics.compression import compressed
 from fringecal.phase.diagnostics.symptoms_frames import duplicates, foreign, mirrored, misordered
 from fringecal.phase.diagnostics.symptoms_light import brightness, contrast, saturated, waveform
 from fringecal.phase.diagnostics.symptoms_scene import other_scene
@@ -21,4 +22,5 @@ TESTS = (
     waveform,
     contrast,
     sampling,
+    compressed,
 )

@@ -9,6 +9,7 @@ from scipy import ndimage
 from fringecal.calibration import CONTRADICTS, Calibrated
 from fringecal.camera import ThesisScale
 from fringecal.numerics import robust_sd
+from fringecal.phase import FindingKind
 from fringecal.projector import DISPLACEMENT_PROBABILITY
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate, Influence, en_score
@@ -105,6 +106,7 @@ def _frames_check(diagnosed: "CaptureDiagnosis", limits: Limits) -> Check:
     left = [finding for finding in diagnosed.findings if finding.kind not in diagnosed.corrected]
     cost = math.sqrt(sum((finding.cost_rad or 0.0) ** 2 for finding in left))
     limit = limits.commission.frames_rad
+    compressed = any(finding.kind is FindingKind.COMPRESSED for finding in left)
     named = ", ".join(dict.fromkeys(finding.kind.text for finding in left)) or "nothing"
     return Check(
         name=f"frames of {diagnosed.phase.capture.name}",
@@ -112,8 +114,9 @@ def _frames_check(diagnosed: "CaptureDiagnosis", limits: Limits) -> Check:
         limit=limit,
         unit="rad",
         # A diagnosis from the frames alone proves no error of heights: at worst it is a condition.
-        decision="pass" if cost <= limit else "conditionalFail",
-        rule=f"rms phase error by findings of the diagnostics that are not corrected ({named}), at most the limit",
+        decision="pass" if cost <= limit and not compressed else "conditionalFail",
+        rule=f"rms phase error by findings of the diagnostics that are not corrected ({named}), at most the limit; "
+        "frames were not compressed, for u(phase) would be too small by more than is known",
     )
 
 

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from fringecal.phase import FindingKind
 from fringecal.records import DEFAULT_LIMITS, Check, Limits
 from fringecal.uncertainty import Estimate
 from fringecal.verification import Departures
@@ -42,7 +43,17 @@ def verification_checks(found: "Verification", limits: Limits = DEFAULT_LIMITS) 
             checks.append(judged_en(name, profile.en, limits.verify.en, of="mean error / U, certificate included"))
     if limits.verify.mean_error_percent is not None:
         checks.append(_tolerated_mean(found, limits))
+    checks += _compressed(found)
     return (*checks, *departure_checks(found.errors.departures, limits))
+
+
+def _compressed(found: "Verification") -> tuple[Check, ...]:
+    """Say that frames were compressed; such a verification proves nothing of the uncertainty of heights."""
+    left = [one for one in found.diagnosed.findings if one.kind is FindingKind.COMPRESSED]
+    if not left:
+        return ()
+    rule = f"{left[0].what}: {left[0].how_large}; {left[0].remedy}"
+    return (Check(name="frames as the camera gives them", decision="conditionalFail", rule=rule),)
 
 
 def departure_checks(found: Departures | None, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
