@@ -11,7 +11,14 @@ from fringecal.phase.demodulation.model_residual import ResidualSample
 
 # What is known of each without fringecal (README.md of each folder): steps, files, names that may be raised.
 SETS = {
-    "lens board": ("fpp_tools_lens", (0, 90, 180, 270), "lens_orig_{:03d}.jpg", (0, 90, 180, 270), {"third harmonic"}),
+    # The only one that was stored as JPEG.
+    "lens board": (
+        "fpp_tools_lens",
+        (0, 90, 180, 270),
+        "lens_orig_{:03d}.jpg",
+        (0, 90, 180, 270),
+        {"third harmonic", "compressed frames"},
+    ),
     "wall and box, short": ("kamino_object1", (-120, 0, 120), "pat{:02d}.png", (0, 1, 2), {"gamma"}),
     "wall and box, long": ("kamino_object1", (-120, 0, 120), "pat{:02d}.png", (3, 4, 5), {"gamma"}),
     "wall, raised to 0.75": ("kamino_gamma_plane", (-120, 0, 120), "pat{:02d}.png", (0, 1, 2), {"gamma"}),
@@ -42,6 +49,8 @@ def test_no_false_name_no_useless_alarm_and_every_correction_lowers_the_residual
     found = diagnose(frames, steps)
     assert {finding.kind.value for finding in found.findings} == expected
     for finding in found.findings:
+        if finding.kind.value == "compressed frames":  # of noise, which is no ripple
+            continue
         assert finding.cost_rad > (0.012 if finding.kind.value in ("gamma", "third harmonic") else LEAST_COST_RAD)
     adapted = demodulate_adapted(frames, steps)
     shifts = np.asarray(adapted.scheme.phase_shifts_rad)

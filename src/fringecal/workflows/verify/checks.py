@@ -53,7 +53,7 @@ def _compressed(found: "Verification") -> tuple[Check, ...]:
     if not left:
         return ()
     rule = f"{left[0].what}: {left[0].how_large}; {left[0].remedy}"
-    return (Check(name="frames as the camera gives them", decision="conditionalFail", rule=rule),)
+    return (Check(name=FindingKind.COMPRESSED.text, decision="conditionalFail", rule=rule),)
 
 
 def departure_checks(found: Departures | None, limits: Limits = DEFAULT_LIMITS) -> tuple[Check, ...]:
