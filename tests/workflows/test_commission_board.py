@@ -1,6 +1,7 @@
 """A rig calibrated by a board in poses: against the virtual rig's truth, faults named, and back from its record."""
 
 import json
+import re
 from dataclasses import replace
 
 import jsonschema
@@ -14,6 +15,7 @@ from fringecal.cli import commission as verb
 from fringecal.cli import reconstruct as reconstruct_verb
 from fringecal.errors import RecordError, SessionError
 from fringecal.history import open_history
+from fringecal.projector import rig_points
 from fringecal.records import read_board_calibration, read_calibration, read_record, write_board_calibration
 from fringecal.records.schemas import published_schema
 from fringecal.session import load_session, write_session
@@ -25,6 +27,7 @@ from fringecal.workflows.commission import (
     commission_boards,
     is_board_session,
 )
+from fringecal.workflows.commission.by_board.board_numbers import depth_section
 from fringecal.workflows.commission.by_board.board_run import (
     _measured,
     demand_poses,
@@ -59,6 +62,11 @@ def found(folder):
     return commission_boards(load_session(folder))
 
 
+@pytest.fixture(scope="module")
+def waves(folder):
+    return plate_waves(load_session(folder))
+
+
 def test_camera_and_projector_are_the_virtual_rigs(found, rig) -> None:
     truth, calibrated = raster_truth(rig), found.fit.rig
     assert len(found.used) == len(POSES)
@@ -88,8 +96,7 @@ def test_edges_of_squares_pass_for_no_phase_shifts_that_change_over_the_field(fo
             assert not adapted.change_rad_px.any()
 
 
-def test_the_bare_plate_gives_the_waveform(folder) -> None:
-    waves = plate_waves(load_session(folder))
+def test_the_bare_plate_gives_the_waveform(waves) -> None:
     assert set(waves) == {"u", "v"}
     # The virtual projector's response is linear, and so is the camera's.
     assert all(abs(wave.gamma - 1) < 0.05 for wave in waves.values())
@@ -120,7 +127,25 @@ def test_the_record_gives_the_rig_back(found, tmp_path) -> None:
 def test_the_report_shows_both_pictures_and_the_volume(found) -> None:
     report = board_report(found)
     figures = [figure.caption for section in report.sections for figure in section.figures]
-    assert figures == ["Volume of the calibration", "Residuals in the camera", "Residuals in the projector"]
+    volume = ["Volume of the calibration", "Uncertainty over depth, baseline and angle"]
+    assert figures == [*volume, "Residuals in the camera", "Residuals in the projector"]
+
+
+def test_the_section_over_depth_is_known_where_both_devices_reach(found) -> None:
+    rig = found.fit.rig
+    section = depth_section(rig)
+    assert section.u_mm.shape == (len(section.x_mm), len(section.z_mm))
+    y = (rig.volume_mm[:, 1].min() + rig.volume_mm[:, 1].max()) / 2
+    middle = np.array([[np.median(section.boards_mm[:, 0]), y, np.median(section.boards_mm[:, 2])]])
+    i, k = (int(np.argmin(np.abs(a - b))) for a, b in ((section.x_mm, middle[0, 0]), (section.z_mm, middle[0, 2])))
+    points = rig_points(rig, rig.camera.project(middle), rig.project(middle))
+    assert section.u_mm[i, k] == pytest.approx(float(np.sqrt(np.trace(points.covariance_mm2[0]))), rel=0.05)
+    # The camera's left edge passes its picture's first column: beyond it nothing is known.
+    left, _ = section.edges_mm[0]
+    assert rig.camera.project(left[None])[0, 0] == pytest.approx(0, abs=1e-6)
+    assert rig.project(section.edges_mm[1][:1])[0, 0] == pytest.approx(0, abs=1e-6)
+    outside = section.x_mm < left[0] * section.z_mm[-1] / left[2] - 1
+    assert np.isnan(section.u_mm[outside, -1]).all()
 
 
 def test_the_command_writes_record_camera_and_report(found, folder, tmp_path, monkeypatch) -> None:
@@ -156,7 +181,58 @@ def test_a_pose_whose_board_moved_is_left_aside_with_the_reason(found) -> None:
     assert fit.stereo_rms_px < 0.1
 
 
-def test_captures_of_one_axis_that_share_a_pose_are_one_pose(found, made, tmp_path) -> None:
+def _turned(table, frames):
+    for file in (*table["images"], *table["white"], *table["black"]):
+        frames[file] = np.ascontiguousarray(frames[file][::-1, ::-1])
+
+
+def _exchanged(table, _):
+    half = len(table["images"]) // 2
+    table["images"] = table["images"][half:] + table["images"][:half]
+
+
+def _reversed(table, _):
+    sets = [table["images"][k : k + 3] for k in range(0, len(table["images"]), 3)]
+    table["images"] = [file for one, two, three in sets for file in (one, three, two)]
+
+
+def _shuffled(table, _):
+    one, two, three, four, *rest = table["images"]
+    table["images"] = [four, two, three, one, *rest]
+
+
+def _hidden(table, frames):
+    for file in (*table["images"], *table["white"], *table["black"]):
+        frames[file] = frames[file].copy()
+        frames[file][:, 70:] = 255
+
+
+CAPTURE_FAULTS = {
+    "pictures turned": (_turned, "its pictures are turned by 180 degrees"),
+    "axes exchanged": (_exchanged, "its axes are exchanged"),
+    "steps reversed": (_reversed, "its phase falls along u and v|did the board move"),
+    "frames shuffled": (_shuffled, "did the board move|do not fit the stated periods"),
+    "glare": (_hidden, "no board: .* of the picture is saturated"),
+}
+
+
+@pytest.mark.parametrize("fault", list(CAPTURE_FAULTS))
+def test_a_capture_with_a_fault_is_left_aside_by_its_name(found, made, waves, tmp_path, fault) -> None:
+    spoil, words = CAPTURE_FAULTS[fault]
+    tables = [dict(one) for one in made.document["capture"] if one["name"] in (POSES[0], POSES[4])]
+    frames = dict(made.frames)
+    spoil(tables[1], frames)
+    folder = write_session(tmp_path / "s", {**made.document, "capture": tables}, frames, extra_files=made.files)
+    (_, bad), _ = _measured(load_session(folder).find("board"), waves, lambda _: None)
+    posed = tuple(bad if one.name == bad.name else one for one in found.posed)
+    left, fit = solved_poses(found.session, found.captures, posed)
+    (aside,) = [one for one in left if one.pose is None]
+    assert aside.name == POSES[4]
+    assert re.search(words, aside.reason), aside.reason
+    assert fit.stereo_rms_px < 0.1
+
+
+def test_captures_of_one_axis_that_share_a_pose_are_one_pose(found, made, waves, tmp_path) -> None:
     document = {**made.document, "capture": [dict(one) for one in made.document["capture"] if one["name"] in POSES[:3]]}
     for table in list(document["capture"]):
         half = len(table["images"]) // 2
@@ -169,7 +245,6 @@ def test_captures_of_one_axis_that_share_a_pose_are_one_pose(found, made, tmp_pa
     session = load_session(folder)
     captures = [capture for capture in session.find("board") if capture.counted_axes]
     assert len(captures) == 6
-    waves = plate_waves(found.session)
     together, _ = _measured(captures, waves, lambda _: None)
     assert [one.name for one in together] == POSES[:3]
     for one, whole in zip(together, found.posed, strict=False):

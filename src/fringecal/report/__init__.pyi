@@ -113,6 +113,12 @@ from .figures.table_bars import (
     comparison_bars as comparison_bars,
 )
 from .figures.volume_figures import (
+    DepthSection as DepthSection,
+)
+from .figures.volume_figures import (
+    depth_drawing as depth_drawing,
+)
+from .figures.volume_figures import (
     picture_map as picture_map,
 )
 from .figures.volume_figures import (

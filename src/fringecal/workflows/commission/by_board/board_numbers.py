@@ -6,7 +6,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from fringecal.projector import BoardRig, BoardRigFit, RigPoints, rig_points
+from fringecal.camera import Lens
+from fringecal.projector import BoardRig, BoardRigFit, RigPoints, outside_limit_mm, rig_points
+from fringecal.report import DepthSection
 from fringecal.uncertainty import Estimate
 
 Array = NDArray[np.float64]
@@ -47,6 +49,40 @@ def span_of_tilts_deg(fit: BoardRigFit) -> float:
     """Return the largest angle between the normals of two poses, deg."""
     normals = np.array([pose.rotation[:, 2] for pose in fit.poses])
     return math.degrees(math.acos(float(np.clip((normals @ normals.T).min(), -1, 1))))
+
+
+_SECTION = 60  # points of a section along its depth: u changes by less than a tenth from one to the next
+_BEYOND = 0.5  # of the boards' extent in depth, that a section reaches before and behind them
+
+
+def depth_section(rig: BoardRig) -> DepthSection:
+    """Return u of points in the plane of the camera's x and z, through the middle of the boards' places."""
+    low, high = rig.volume_mm.min(axis=0), rig.volume_mm.max(axis=0)
+    more = _BEYOND * (high - low)
+    z = np.linspace(max(low[2] - more[2], 0.1 * low[2]), high[2] + more[2], _SECTION)
+    x = np.linspace(low[0] - more[0], high[0] + more[0], _SECTION)
+    grid = np.stack(np.meshgrid(x, [(low[1] + high[1]) / 2], z, indexing="ij"), axis=-1).reshape(-1, 3)
+    seen, lit = rig.camera.project(grid), rig.project(grid)
+    reached = _inside(seen, rig.camera) & _inside(lit, rig.projector)
+    u = np.full(len(grid), np.nan)
+    place = np.where([axis in rig.axes for axis in "uv"], lit[reached], np.nan)
+    u[reached] = u_of_points_mm(rig_points(rig, seen[reached], place))
+    edges = np.stack([_edges(rig.camera, z[-1]), (_edges(rig.projector, z[-1]) - rig.shift_mm) @ rig.rotation])
+    return DepthSection(
+        x, z, u.reshape(len(x), len(z)), outside_limit_mm(rig), rig.volume_mm, rig.centre_mm, edges,
+        rig.baseline_mm, triangulation_angle(rig).value,
+    )  # fmt: skip
+
+
+def _inside(pixels: Array, lens: Lens) -> NDArray[np.bool_]:
+    return ((pixels > -0.5) & (pixels < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1)
+
+
+def _edges(lens: Lens, depth_mm: float) -> Array:
+    """Ends of the rays at the left and right edge of a picture, in the middle of its height, (2, 3)."""
+    middle = (lens.height_px - 1) / 2
+    rays = lens.unproject(np.array([[0.0, middle], [lens.width_px - 1.0, middle]]))
+    return np.asarray(rays / rays[:, 2:] * depth_mm)
 
 
 def points_of_boards(rig: BoardRig) -> RigPoints:

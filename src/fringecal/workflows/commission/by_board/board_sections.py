@@ -15,6 +15,7 @@ from fringecal.report import (
     Section,
     Table,
     Verdict,
+    depth_drawing,
     residual_quiver,
     volume_drawing,
 )
@@ -22,6 +23,7 @@ from fringecal.uncertainty import Estimate
 from fringecal.workflows.commission.by_board.board_judged import board_checks
 from fringecal.workflows.commission.by_board.board_numbers import (
     baseline,
+    depth_section,
     points_of_boards,
     triangulation_angle,
     u_of_points_mm,
@@ -112,7 +114,16 @@ def _volume_section(rig: BoardRig, u: np.ndarray) -> Section:
         "half as well as the least known of these.",
         "png",
     )
-    return Section("Volume", (f"Boards were at {ranges} mm of the camera's frame.",), figures=(drawn,))
+    depth = FigureItem(
+        "Uncertainty over depth, baseline and angle",
+        depth_drawing(depth_section(rig)),
+        "The rig to scale, seen along the picture's columns, y in the middle of the boards: edges of both pictures "
+        "(full lines), rays to the middle of the boards (broken), the angle between them, and the baseline. Colour: "
+        "u of a point by the calibration, wherever both devices reach. White: where boards were. Beyond the black line "
+        "points count as outside the calibrated volume.",
+        "png",
+    )
+    return Section("Volume", (f"Boards were at {ranges} mm of the camera's frame.",), figures=(drawn, depth))
 
 
 def _next_section(found: BoardCommissioning) -> tuple[Section, ...]:
