@@ -64,7 +64,7 @@ def demo(
     command = command_line("demo", ["--out", out])
     with progress(quiet=as_json) as show, second_process() as beside:
         beside(compile_ahead)
-        rig = load_rig("thesis")
+        rig = load_rig("thesis").at(stated={"artefact_seed": seed})
         simulated = simulate_session(rig, seed=seed, progress=lambda name: show(f"drawing {name}"))
         folder = write_session(
             out / "session", simulated.document, simulated.frames, extra_files=simulated.files, overwrite=True

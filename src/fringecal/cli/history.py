@@ -150,7 +150,7 @@ def show(
 
     Example: fringecal history show --db history.db --quantity "projection angle"
     """
-    from fringecal.history import open_history
+    from fringecal.history import LEAST_POINTS, open_history
 
     with open_history(db, create=False) as history:
         entries, readings = history.entries(rig), history.readings(rig)
@@ -179,8 +179,12 @@ def show(
                 _plain(readings[readings["sha256"] == row["sha256"]]),
             )
         return
-    for count in counts:
-        line = f"{count['records']:5d} x {count['rig']} / {count['quantity']}"
+    known = [count for count in counts if count["records"] >= LEAST_POINTS]
+    lines = [f"{count['records']:5d} x {count['rig']} / {count['quantity']}" for count in known]
+    if len(known) < len(counts):
+        few = f"{len(counts) - len(known)} with fewer than {LEAST_POINTS} records: --values lists them"
+        lines.append(f"quantities: {few}")
+    for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -1,5 +1,6 @@
 """`fringecal simulate`: take a session with a virtual rig, and keep the truth beside it."""
 
+from datetime import datetime
 from pathlib import Path
 from typing import overload
 
@@ -9,6 +10,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from fringecal.cli.shared.console import console, print_json
+from fringecal.history import parsed_time
 from fringecal.session import write_session
 from fringecal.simulate import (
     RasterRigSpec,
@@ -44,14 +46,17 @@ def simulate(
     out: Path = typer.Option(..., "--out", help="Folder for the session; must be new, empty or a session."),
     captures: str = typer.Option("", help="Comma-separated captures to take; all of the rig's by default."),
     seed: int = typer.Option(0, min=0, help="Seed of noise and of what was measured by hand."),
+    captured: str = typer.Option("", "--captured", help="Date or time that the session states; the rig's by default."),
     overwrite: bool = typer.Option(False, "--overwrite", help="Replace a session that is already there."),
     as_json: bool = typer.Option(False, "--json", help="Print one JSON document."),
 ) -> None:
     """Load, simulate, write, print."""
+    when = _at(captured)
     if is_raster_rig(rig):
-        _simulate_raster(load_raster_rig(rig), (out, captures, seed), overwrite=overwrite, as_json=as_json)
+        raster = load_raster_rig(rig)
+        _simulate_raster(raster.model_copy(update=when), (out, captures, seed), overwrite=overwrite, as_json=as_json)
         return
-    spec = load_rig(rig)
+    spec = load_rig(rig).model_copy(update=when)
     names = [name.strip() for name in captures.split(",") if name.strip()] or [c.name for c in spec.capture]
     session = _taken(spec, names, seed, quiet=as_json)
     folder = write_session(out, session.document, session.frames, extra_files=session.files, overwrite=overwrite)
@@ -66,6 +71,16 @@ def simulate(
             soft_wrap=True,
         )
         console.print(f"session: {folder}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _at(captured: str) -> dict[str, datetime]:
+    """Return what a stated time changes in a rig: nothing where none is stated."""
+    if not captured:
+        return {}
+    try:
+        return {"captured": parsed_time(captured)}
+    except ValueError as error:
+        raise typer.BadParameter(f"{captured!r}; {error}", param_hint="--captured") from None
 
 
 def _simulate_raster(spec: RasterRigSpec, wanted: tuple[Path, str, int], *, overwrite: bool, as_json: bool) -> None:

@@ -2,6 +2,9 @@ from .charts import (
     Chart as Chart,
 )
 from .drift import (
+    LEAST_POINTS as LEAST_POINTS,
+)
+from .drift import (
     YEAR_DAYS as YEAR_DAYS,
 )
 from .due import (

@@ -14,7 +14,7 @@ from fringecal.simulate.rig.raster_device import centre_px, flat_pose, focal_len
 from fringecal.simulate.rig.raster_spec import RasterCaptureSpec, RasterRigSpec
 from fringecal.simulate.scene.objects import scene_of
 from fringecal.simulate.scene.scene import Form, Scene, plate
-from fringecal.simulate.sessions import CAPTURED, Progress, target_text
+from fringecal.simulate.sessions import Progress, target_text
 from fringecal.simulate.tracing.raster_render import RasterFrames, render_raster
 from fringecal.targets import Target, load_target, parse_target
 
@@ -106,7 +106,7 @@ def _document(rig: RasterRigSpec, captures: Iterable[RasterCaptureSpec]) -> dict
     return {
         "format": 1,
         "rig": rig.name,
-        "captured": CAPTURED,
+        "captured": rig.captured,
         "camera": camera,
         "projector": {"resolution_px": [rig.projector.columns, rig.projector.rows]},
         "phase": {"steps_deg": list(rig.fringes.steps_deg)},

@@ -4,21 +4,19 @@ import json
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
 
 from fringecal.errors import FringecalError
 from fringecal.simulate.rig.rig_spec import CaptureSpec, RigSpec, StepsSpec
-from fringecal.simulate.scene.capture_scenes import capture_scene, stated_target
+from fringecal.simulate.scene.artefacts_as_made import true_target
+from fringecal.simulate.scene.capture_scenes import capture_scene
 from fringecal.simulate.tracing.ray_tracer import Frames, render
 from fringecal.simulate.tracing.sensor import stream
 from fringecal.simulate.truth_files import truth_files
 from fringecal.targets import Target
 
-# Virtual sessions are taken at one moment, so that the same seed gives the same bytes.
-CAPTURED = datetime(2008, 1, 1, 12, tzinfo=UTC)
 REPEAT_SEED = 1_000_003  # between repeats: far from the seeds that people give
 STATED_STREAM = zlib.crc32(b"stated")
 
@@ -70,7 +68,7 @@ def simulate_session(
         Seeds noise, flicker and the errors of what was measured by hand. A capture's noise does not
         depend on which other captures are taken.
     targets
-        True artefacts by capture name, where they differ from what the session states of them.
+        True artefacts by capture name, in place of those that the rig states or draws.
     steps
         What the mirror did, by capture name, where captures differ.
     with_truth
@@ -89,7 +87,7 @@ def simulate_session(
     taken: dict[str, Frames] = {}
     for capture in chosen:
         progress(capture.name)
-        target = (targets or {}).get(capture.name) or stated_target(capture)
+        target = (targets or {}).get(capture.name) or true_target(rig, capture)
         taken[capture.name] = _repeated(_stepped(rig, (steps or {}).get(capture.name)), capture, target, seed=seed)
     frames = {
         name: frame
@@ -109,7 +107,7 @@ def _stepped(rig: RigSpec, steps: StepsSpec | None) -> RigSpec:
 def take(rig: RigSpec, capture: CaptureSpec, target: Target | None = None, *, seed: int = 0) -> Frames:
     """Take one capture: its scene is put in place, lit as its kind demands, and drawn."""
     by_room_light = capture.kind in ("grid", "board")
-    scene = capture_scene(rig, capture, target or stated_target(capture))
+    scene = capture_scene(rig, capture, target or true_target(rig, capture))
     stream_seed = (seed, zlib.crc32(capture.name.encode()))
     return render(rig, scene, seed=stream_seed, light="room" if by_room_light else "fringes")
 
@@ -136,7 +134,7 @@ def session_document(rig: RigSpec, captures: Iterable[CaptureSpec], *, seed: int
     return {
         "format": 1,
         "rig": rig.name,
-        "captured": CAPTURED,
+        "captured": rig.captured,
         "camera": camera,
         "projector": {"position_mm": {"value": np.round(position, 2).tolist(), "u": u_position}},
         "phase": {"steps_deg": list(rig.steps.nominal_deg)},

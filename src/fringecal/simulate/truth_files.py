@@ -9,7 +9,8 @@ import numpy as np
 
 from fringecal.simulate.rig.rig_spec import RigSpec
 from fringecal.simulate.rig.truth import apparent_angle_deg, lens_shift_at_point_px, projection_angle_deg, truth_of
-from fringecal.simulate.scene.capture_scenes import capture_scene, field_mm, stated_target
+from fringecal.simulate.scene.artefacts_as_made import true_target
+from fringecal.simulate.scene.capture_scenes import capture_scene, field_mm
 from fringecal.simulate.tracing.ray_tracer import Frames, plate_points, true_phase_shifts_rad
 
 # Places along x and y at which the true projection angle is written, mm.
@@ -31,7 +32,7 @@ def truth_document(rig: RigSpec, taken: Mapping[str, Frames], *, seed: int = 0) 
     printed grid's corner, else at the picture's); angle_origin_deg, angle_x, angle_y (projection angle
     in deg at points of both axes, mm); apparent_x, apparent_y (what breaks show there); projector,
     camera (mm); grid_pitch; zmax (mm, of each artefact); rig_parameters; steps_rad (true phase shifts, with their
-    slopes per px); rig (all of its numbers) and seed.
+    slopes per px); rig (all of its numbers), artefacts (as they are, by capture) and seed.
     """
     truth, size = truth_of(rig), np.array(field_mm(rig))
     grid = _grid_facts(rig)
@@ -54,8 +55,15 @@ def truth_document(rig: RigSpec, taken: Mapping[str, Frames], *, seed: int = 0) 
         "steps_rad": steps.tolist(),
         "seed": seed,
         "rig": rig.model_dump(mode="json"),
+        "artefacts": _artefacts(rig, taken),
     }
     return document | _angles(rig) | _highest(taken)
+
+
+def _artefacts(rig: RigSpec, taken: Mapping[str, Frames]) -> dict[str, Any]:
+    """Return the artefacts as they are, by capture."""
+    true = {capture.name: true_target(rig, capture) for capture in rig.capture if capture.name in taken}
+    return {name: target.model_dump(mode="json") for name, target in true.items() if target is not None}
 
 
 def _angles(rig: RigSpec) -> dict[str, dict[str, float]]:
@@ -71,7 +79,7 @@ def _angles(rig: RigSpec) -> dict[str, dict[str, float]]:
 
 def _grid_facts(rig: RigSpec) -> dict[str, Any] | None:
     for capture in rig.capture:
-        target = stated_target(capture)
+        target = true_target(rig, capture)
         if target is not None and target.kind == "line-grid":
             pattern = capture_scene(rig, capture, target).pattern
             reach = [(n - 1) / 2 * pattern.pitch_mm for n in pattern.counts]

@@ -3,10 +3,11 @@
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import AwareDatetime, Field, FiniteFloat, model_validator
 
 from fringecal.errors import FringecalError
 from fringecal.simulate.rig.rig_spec import (
+    CAPTURED,
     Fraction,
     NoiseSpec,
     NotNegative,
@@ -139,6 +140,7 @@ class RasterRigSpec(Part):
     kind: Literal["raster"] = "raster"
     name: str
     about: str = ""
+    captured: AwareDatetime = CAPTURED
     camera: RasterCameraSpec
     projector: RasterProjectorSpec
     fringes: FringesSpec = FringesSpec()

@@ -1,9 +1,10 @@
 """What a virtual rig is: one document with a camera, a projector, its steps, its light and its noise."""
 
 from collections.abc import Mapping
+from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, model_validator
 
 from fringecal.errors import FringecalError
 from fringecal.guarded import first_few, quoted, shortened
@@ -16,6 +17,8 @@ Point = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 Power = Annotated[int, Field(ge=0, le=3)]
 Pair = tuple[FiniteFloat, FiniteFloat]
 
+# Where neither the rig nor the command says when: one moment, so that the same seed gives the same bytes.
+CAPTURED = datetime(2008, 1, 1, 12, tzinfo=UTC)
 CAPTURE_KINDS = Literal["grid", "board", "reference", "strips", "artefact", "object"]
 
 
@@ -152,10 +155,15 @@ class PlateSpec(Part):
 
 
 class StatedSpec(Part):
-    """Standard uncertainties with which a session states what was measured by hand beforehand."""
+    """Standard uncertainties with which a session states what was measured by hand beforehand.
+
+    With `artefact_seed` the true sizes of all artefacts are drawn about the stated ones, each within its own u; without
+    it they are as stated. The session's seed does not change them: an audit finds the same strips again.
+    """
 
     camera_height_u_mm: NotNegative = 5.0
     projector_position_u_mm: NotNegative = 3.0
+    artefact_seed: Annotated[int, Field(ge=0)] | None = None
 
 
 class CaptureSpec(Part):
@@ -190,6 +198,7 @@ class RigSpec(Part):
     format: Literal[1] = 1
     name: str
     about: str = ""
+    captured: AwareDatetime = CAPTURED
     camera: CameraSpec
     projector: ProjectorSpec
     steps: StepsSpec = StepsSpec()
