@@ -157,7 +157,7 @@ def show(
     _demand_quantities(quantity, set(readings["quantity"]))
     readings = readings[readings["quantity"].isin(quantity)] if quantity else readings
     wanted = values or bool(quantity) or rig is not None
-    counts = [
+    counts: list[dict[str, Any]] = [
         {"rig": str(one), "quantity": str(quantity), "records": len(group)}
         for (one, quantity), group in readings.groupby(["rig", "quantity"])
     ]
