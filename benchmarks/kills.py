@@ -1,11 +1,13 @@
 """Commands that replace results, ended at random moments: the old results are whole or the new ones, and nothing else.
 
-    python benchmarks/kills.py [trials of a command] [trials of a writer] [seed]
+    python benchmarks/kills.py [trials of a command] [trials of a writer] [seed] [trials of beginnings and ends]
 
 A trial starts `fringecal grid` over older results, or a writer that replaces forty files over and over, and sends
 SIGKILL, SIGTERM or SIGINT at a random moment: anywhere in the run, or as soon as results are gathered or put in place.
 Then the folder must hold the old results as they were, or new ones of one run; a file of the user's own stays; nothing
-hidden is left but after SIGKILL, and that is gone after the next command. It prints counts and every broken trial.
+hidden is left but after SIGKILL, and that is gone after the next command. Trials of beginnings and ends start the
+command as a shell does, and strike while its libraries are loaded, or from when its result is printed until it is gone:
+nothing but a line may be said, by any signal. Each trial is printed as it ends, and counts at last.
 """
 
 import importlib
@@ -13,6 +15,7 @@ import multiprocessing
 import os
 import random
 import signal
+import subprocess
 import sys
 import tempfile
 import time
@@ -25,8 +28,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from fringecal.cli import entry
 from fringecal.cli.app import _ended_tidily
-from fringecal.cli.app import main as main_of_command
 from fringecal.records import result_folder
 
 SIGNALS = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT)
@@ -72,6 +75,7 @@ class Bench:
 
 def _quietly(bench: Bench, ready: Callable[[], None], work: Callable[..., None], arguments: tuple[object, ...]) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    entry._listen(entry._at_start)
     said = os.open(bench.said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(said, 1)
     os.dup2(said, 2)
@@ -81,6 +85,12 @@ def _quietly(bench: Bench, ready: Callable[[], None], work: Callable[..., None],
         work(*arguments)
     except KeyboardInterrupt:  # before the command has begun
         sys.exit(130)
+
+
+def run_command(arguments: list[str]) -> None:
+    """Run the command as its entry point does."""
+    sys.argv = ["fringecal", *arguments]
+    entry.main()
 
 
 def write_over_and_over(out: Path, first: int, last: int) -> None:
@@ -164,7 +174,7 @@ def command_trial(bench: Bench, rng: random.Random, count: int) -> str:
     }
     when, longest_s = happened[moment]
     arguments = ("grid", str(bench.place / f"{'ab'[count % 2]}.png"), "--target", "grid-10mm", "--out", str(bench.out))
-    struck = end(bench, bench.start(main_of_command, list(arguments)), number, when, rng.uniform(0.0, longest_s))
+    struck = end(bench, bench.start(run_command, list(arguments)), number, when, rng.uniform(0.0, longest_s))
     demand_left(bench, number, struck, known)
     after = bench.content()
     if after != before:
@@ -175,6 +185,42 @@ def command_trial(bench: Bench, rng: random.Random, count: int) -> str:
     demand(struck or after != before, "nothing new was written")
     outcome = "old" if after == before else "new"
     return f"grid {number.name}, {moment}, {outcome}" + ("" if struck else ", too late")
+
+
+def edge_trial(bench: Bench, rng: random.Random, count: int) -> str:
+    """Start a command as a shell does, and strike at its beginning or its end; it says a line, whatever came."""
+    number, at_end = rng.choice((signal.SIGTERM, signal.SIGINT, signal.SIGHUP)), count % 2 == 0
+    arguments = (
+        ["targets", "show", "grid-10mm"]
+        if rng.random() < 0.5
+        else ["grid", str(bench.place / "a.png"), "--target", "grid-10mm", "--out", str(bench.place / "edge")]
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-u", "-c", START, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, bufsize=0
+    )
+    assert process.stdout is not None
+    read = process.stdout.read(1)  # said by START when Python itself stands
+    if at_end:
+        while (more := process.stdout.read(1)) not in (b"", b"\n"):
+            read += more
+    time.sleep(rng.uniform(0, 0.4 if at_end else 1.5))
+    struck = process.poll() is None
+    if struck:
+        process.send_signal(number)
+    read += process.communicate(timeout=PATIENCE_S)[0]
+    said = read.decode(errors="replace")
+    demand("Traceback" not in said and "Exception ignored" not in said, f"a traceback: {said[-600:]}")
+    demand(process.returncode in (0, 130, 143), f"exit code {process.returncode}: {said[-300:]}")
+    demand(process.returncode == 0 or "run the command again" in said, f"{process.returncode} without a word: {said}")
+    when = "end" if at_end else "beginning"
+    return f"{arguments[0]} {number.name}, {when}, {process.returncode}" + ("" if struck else ", too late")
+
+
+# As the installed command: signals as a shell's foreground job has them, and a sign that Python itself has begun.
+START = (
+    "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "from fringecal.cli.entry import main; import os; os.write(1, b'.'); main()"
+)
 
 
 def grid_picture(rng: np.random.Generator) -> np.ndarray:
@@ -191,9 +237,12 @@ def trials(
     outcomes, broken = Counter[str](), []
     for number in range(1, count + 1):
         try:
-            outcomes[kind(bench, random.Random(seed + number), number)] += 1
+            outcome = kind(bench, random.Random(seed + number), number)
+            outcomes[outcome] += 1
         except BrokenTrial as error:
+            outcome = f"BROKEN: {error}"
             broken.append(f"{kind.__name__} {seed + number}: {error}")
+        print(f"{kind.__name__} {seed + number}: {outcome}", flush=True)
     return outcomes, broken
 
 
@@ -205,7 +254,7 @@ def prepared(place: Path, *, inside: bool = False) -> Bench:
     return bench
 
 
-def main(commands: int = 100, writers: int = 200, seed: int = 1) -> int:
+def main(commands: int = 100, writers: int = 200, seed: int = 1, edges: int = 60) -> int:
     """Run the campaign and print it."""
     for verb in ("fringecal.workflows.grid", "fringecal.cli.grid", "fringecal.records", "fringecal.report"):
         importlib.import_module(verb)
@@ -222,8 +271,10 @@ def main(commands: int = 100, writers: int = 200, seed: int = 1) -> int:
         for name in "ab":
             cv2.imwrite(str(bench.place / f"{name}.png"), grid_picture(np.random.default_rng(ord(name))))
         arguments = ("grid", str(bench.place / "a.png"), "--target", "grid-10mm", "--out", str(bench.out))
-        bench.start(main_of_command, list(arguments)).join()
+        bench.start(run_command, list(arguments)).join()
         found, wrong = trials(command_trial, bench, commands, seed)
+        outcomes, broken = outcomes + found, broken + wrong
+        found, wrong = trials(edge_trial, bench, edges, seed)
         outcomes, broken = outcomes + found, broken + wrong
     for outcome, count in sorted(outcomes.items()):
         print(f"{count:5d} {outcome}")
@@ -234,4 +285,4 @@ def main(commands: int = 100, writers: int = 200, seed: int = 1) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*map(int, sys.argv[1:4])))
+    sys.exit(main(*map(int, sys.argv[1:5])))

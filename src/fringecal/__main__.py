@@ -1,6 +1,6 @@
 """`python -m fringecal` is the command `fringecal`."""
 
-from fringecal.cli.app import main
+from fringecal.cli.entry import main
 
 if __name__ == "__main__":
     main()

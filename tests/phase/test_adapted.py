@@ -73,6 +73,18 @@ def test_four_frames_of_strong_gamma_are_no_misfit(camera, rng):
     assert demodulate_adapted(frames, STEPS[4]).map.valid.mean() > 0.99
 
 
+def test_a_third_harmonic_is_not_called_gamma(camera, rng):
+    """Four frames see a third harmonic as one of the first that turns the other way: 5 % of it, 0.05 rad at most."""
+    phase = PLATE + STEPS[4][:, None, None]
+    frames = PAINT * (100 + 85 * (np.cos(phase) - 0.05 * np.cos(3 * phase)))
+    found = demodulate_adapted(camera(frames, rng, sigma=0.7), STEPS[4])
+    assert "third -5" in found.undone[0]
+    assert not any("gamma" in sentence for sentence in found.undone)
+    assert ripple(found.map.phase) < 0.003
+    bent = demodulate_adapted(shot(STEPS[4], camera, rng, exponent=2.2), STEPS[4])
+    assert any("gamma was corrected (exponent 2." in sentence for sentence in bent.undone)
+
+
 def test_the_plates_wave_serves_where_an_object_hides_it(camera, rng):
     plate = demodulate_adapted(shot(STEPS[3], camera, rng, exponent=1.5), STEPS[3]).found_wave
     few = shot(STEPS[3], camera, rng, exponent=1.5)[:, :40, :40]  # too few fringes to see it there

@@ -12,6 +12,7 @@ from typing import NoReturn
 import typer
 
 from fringecal import __version__
+from fringecal.cli.entry import told_to_end
 from fringecal.cli.shared.console import complain, prepare_streams
 from fringecal.cli.shared.exit_codes import EXIT_ERROR, EXIT_INTERRUPTED, EXIT_PASS, EXIT_TERMINATED
 from fringecal.cli.shared.judged_options import judge_options
@@ -88,10 +89,10 @@ def _run(arguments: list[str] | None) -> None:
         complain(FringecalError(_of_the_system(error)))
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
-        _stop_interrupted()
+        stop_interrupted()
     except SystemExit as stop:  # Typer's way to pass on an interruption of a verb
         if stop.code == EXIT_INTERRUPTED:
-            _stop_interrupted()
+            stop_interrupted()
         raise
 
 
@@ -104,23 +105,19 @@ def _of_the_system(error: BaseException) -> str:
     return f"not enough {short}; give smaller files"
 
 
-def _stop_interrupted() -> NoReturn:
+def stop_interrupted() -> NoReturn:
     """Say what stands, and end with the code of what came: Ctrl-C, or a request to end."""
-    word, code = ("terminated", EXIT_TERMINATED) if _TOLD_TO_END else ("interrupted", EXIT_INTERRUPTED)
+    word, code = ("terminated", EXIT_TERMINATED) if told_to_end else ("interrupted", EXIT_INTERRUPTED)
     there = " and ".join(str(path) for path in put_in_place_so_far())
     stands = f"{there} was complete and stands, nothing else was written" if there else "nothing was written"
     print(f"{word}: {stands}; run the command again", file=sys.stderr)
     sys.exit(code)
 
 
-_TOLD_TO_END: list[int] = []
-"""Signals by which the system asked the command to end."""
-
-
 @contextlib.contextmanager
 def _ended_tidily() -> Iterator[None]:
     """Let a request to end (SIGTERM, a closed terminal) clear away as Ctrl-C does."""
-    _TOLD_TO_END.clear()
+    told_to_end.clear()
     numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
     if threading.current_thread() is not threading.main_thread():
         numbers = []
@@ -136,5 +133,5 @@ def _ended_tidily() -> Iterator[None]:
 
 
 def _told_to_end(number: int, _: object) -> NoReturn:
-    _TOLD_TO_END.append(number)
+    told_to_end.append(number)
     raise KeyboardInterrupt

@@ -21,7 +21,14 @@ from fringecal.phase.demodulation.model_residual import ResidualSample
 from fringecal.phase.demodulation.noise import Noise
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, PhaseShiftEstimate, phase_shifts_and_blocks
 from fringecal.phase.demodulation.schemes import Scheme, least_squares
-from fringecal.phase.demodulation.waveform import Waveform, correct_gamma, phase_error, ripple_rms, waveform_of_blocks
+from fringecal.phase.demodulation.waveform import (
+    Waveform,
+    correct_gamma,
+    phase_error,
+    ripple_rms,
+    third_stands_alone,
+    waveform_of_blocks,
+)
 
 LEAST_CHANGE_RAD = np.deg2rad(0.7)
 """Change of a phase shift from edge to edge below which it is not corrected: 0.003 rad of ripple at the edge."""
@@ -284,10 +291,18 @@ def _wave(
     if chosen is None or not chosen.matters(scheme):
         return chosen, (), caveats
     cost = ripple_rms(phase_error(scheme, ratios=chosen.ratios))
-    sentence = f"gamma was corrected (exponent {chosen.gamma:.3f}, {whence}; uncorrected, {cost:.3f} rad)"
+    sentence = f"{_named(chosen, scheme)}, {whence}; uncorrected, {cost:.3f} rad)"
     if blocks and not _lowers_ripple(blocks, scheme, chosen):
         return None, (), (*caveats, f"not corrected, as the phase does not ripple so: {sentence}")
     return chosen, (sentence,), caveats
+
+
+def _named(wave: Waveform, scheme: Scheme) -> str:
+    """Name what was corrected: a gamma by its exponent, what no gamma makes by its harmonics."""
+    if not third_stands_alone(wave, scheme):
+        return f"gamma was corrected (exponent {wave.gamma:.3f}"
+    second, third = (float(ratio.real) for ratio in wave.ratios[:2])
+    return f"harmonics were corrected (second {second:+.1%}, third {third:+.1%} of the first"
 
 
 def _lowers_ripple(blocks: list[Block], scheme: Scheme, wave: Waveform) -> bool:

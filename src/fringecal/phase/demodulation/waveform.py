@@ -63,6 +63,28 @@ class Waveform:
         return ripple_rms(phase_error(phase_shifts_rad, ratios=self.significant)) > SMALL_RIPPLE_RAD
 
 
+def third_stands_alone(wave: Waveform, phase_shifts_rad: ArrayLike | Scheme) -> bool:
+    """Tell whether the third harmonic costs more than the second, and no gamma that makes the second explains it.
+
+    Parameters
+    ----------
+    wave
+        The fringes' harmonics.
+    phase_shifts_rad
+        As `phase_error`: they decide what each harmonic costs.
+    """
+    second, third = (float(ratio.real) for ratio in wave.ratios[:2])
+    of_gamma = second * (wave.gamma - 2) / (wave.gamma + 3)
+    costs = [cost_of_harmonic(phase_shifts_rad, wave.significant, order) for order in HARMONICS[:2]]
+    return costs[1] > costs[0] and abs(third - of_gamma) > abs(of_gamma)
+
+
+def cost_of_harmonic(phase_shifts_rad: ArrayLike | Scheme, ratios: NDArray, order: int) -> float:
+    """Return the ripple that one harmonic alone makes with these phase shifts, rms, rad."""
+    alone = np.where(np.array(HARMONICS) == order, ratios, 0)
+    return ripple_rms(phase_error(phase_shifts_rad, ratios=alone))
+
+
 def estimate_waveform(
     frames: ArrayLike, phase_shifts_rad: ArrayLike, *, mask: ArrayLike | None = None, white_level: float | None = None
 ) -> Waveform:

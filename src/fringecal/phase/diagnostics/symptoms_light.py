@@ -9,7 +9,7 @@ from fringecal.numerics import TURN
 from fringecal.phase.demodulation.blocks import HARMONICS
 from fringecal.phase.demodulation.demodulate import Reason
 from fringecal.phase.demodulation.phase_shifts import SIGNIFICANT, share_of_mean
-from fringecal.phase.demodulation.waveform import phase_error, ripple_rms
+from fringecal.phase.demodulation.waveform import cost_of_harmonic, phase_error, ripple_rms, third_stands_alone
 from fringecal.phase.diagnostics.evidence import Evidence, Finding
 from fringecal.phase.diagnostics.finding_kinds import FindingKind
 
@@ -78,11 +78,11 @@ def waveform(evidence: Evidence) -> Iterator[Finding]:
     cost = ripple_rms(phase_error(shifts, ratios=ratios))
     if cost < limits.gamma_rad:
         return
-    costs = [_cost_of(shifts, wave.significant, order) for order in HARMONICS]
+    costs = [cost_of_harmonic(shifts, wave.significant, order) for order in HARMONICS]
     if flat:
         kind, what = FindingKind.CLIPPED_SLIDE, "the fringes have flat tops and bottoms: the slide or projector clips"
         remedy = "lower the contrast of the printed or displayed fringes"
-    elif costs[1] > costs[0] and abs(third - of_gamma) > abs(of_gamma):
+    elif third_stands_alone(wave, shifts):
         kind, what = FindingKind.THIRD_HARMONIC, "the fringes have a third harmonic that no gamma explains"
         remedy = "display or print fringes as cosines"
     else:
@@ -110,12 +110,6 @@ def _clipped_ratios(third: float) -> NDArray[np.float64]:
 
 _CUTS = np.linspace(0.05, 1.0, 96)  # of the amplitude, at which a cosine is cut
 _CUT_SAMPLES, _CUT_HARMONICS = 256, 20
-
-
-def _cost_of(phase_shifts_rad: NDArray, ratios: NDArray, order: int) -> float:
-    """Return the ripple that one harmonic alone makes with these phase shifts, rms, rad."""
-    alone = np.where(np.array(HARMONICS) == order, ratios, 0)
-    return ripple_rms(phase_error(phase_shifts_rad, ratios=alone))
 
 
 def _enough_frames(count: int, ratios: NDArray, most_rad: float) -> int | None:

@@ -3,6 +3,8 @@
 import contextlib
 import multiprocessing
 import os
+import signal
+import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -47,7 +49,8 @@ def local_pool(plan: StudyPlan, numbers: list[int], *, workers: int = 0) -> Iter
     # Processes are started afresh, the same on every system, and no lock of this one is copied into them.
     fresh = multiprocessing.get_context("spawn")
     with _one_thread_each(), ProcessPoolExecutor(number, mp_context=fresh) as pool:
-        waiting = [pool.submit(examine_rig, plan, rig) for rig in numbers]
+        with _deaf_children():
+            waiting = [pool.submit(examine_rig, plan, rig) for rig in numbers]
         try:
             for done in as_completed(waiting):
                 yield done.result()
@@ -56,8 +59,25 @@ def local_pool(plan: StudyPlan, numbers: list[int], *, workers: int = 0) -> Iter
                 "A worker process died, perhaps for want of memory. Finished rigs are kept: give the same command "
                 "again to go on, with fewer --workers."
             ) from error
+        except (KeyboardInterrupt, GeneratorExit):
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+@contextlib.contextmanager
+def _deaf_children() -> Iterator[None]:
+    """Let processes that start meanwhile ignore Ctrl-C, which a terminal sends to all: this one ends them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 @dataclass(frozen=True)
