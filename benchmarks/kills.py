@@ -219,6 +219,7 @@ def edge_trial(bench: Bench, rng: random.Random, count: int) -> str:
 # As the installed command: signals as a shell's foreground job has them, and a sign that Python itself has begun.
 START = (
     "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+    "signal.signal(signal.SIGHUP, signal.SIG_DFL); signal.signal(signal.SIGTERM, signal.SIG_DFL); "
     "from fringecal.cli.entry import main; import os; os.write(1, b'.'); main()"
 )
 

@@ -10,7 +10,9 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of anot
 # The command's libraries take a second to load; what they would do is told here by a module in their place.
 STAND_IN = """
 import os, signal, sys, threading, time, types
-signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whatever runs these tests may ignore them
+for number in (signal.SIGTERM, signal.SIGHUP):
+    signal.signal(number, signal.SIG_DFL)
 from fringecal.cli import entry
 
 class Loaded(types.ModuleType):
