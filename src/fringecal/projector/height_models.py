@@ -43,6 +43,16 @@ def height_model(calibration: RigCalibration, name: str = "projective") -> Heigh
     ------
     KeyError
         An unknown name.
+
+    Examples
+    --------
+    >>> from fringecal.camera import PlateCamera
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> rig = RigCalibration(camera, model, ())
+    >>> rays = camera.rays(*camera.centre_px)
+    >>> float(height_model(rig).height(np.array(1.0), rays).round(6))
+    2.0
     """
     rig = calibration.model
     makers: dict[str, Callable[[], HeightModel]] = {
@@ -112,6 +122,14 @@ def height_changes(
     -------
     changes
         Shape (components, ...), 0 where a moved rig sees no height.
+
+    Examples
+    --------
+    >>> from fringecal.camera import PlateCamera
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))
+    >>> height_changes(RigCalibration(camera, model, ()), 5.0, np.zeros(3), np.zeros(3)).shape  # no component, 3 pixels
+    (0, 3)
     """
     z, _ = np.broadcast_arrays(np.asarray(z_mm, float), u_px)
     rays = calibration.camera.rays(u_px, v_px)

@@ -232,7 +232,14 @@ def _rotation(axis: Array, angle_rad: float) -> Array:
 
 
 def has_projector_position(model: RigModel) -> bool:
-    """Return whether the projector has a finite position, which can move."""
+    """Return whether the projector has a finite position, which can move.
+
+    Examples
+    --------
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> has_projector_position(model)
+    False
+    """
     return bool(np.all(np.isfinite(projector_line(model.parameters)[0])) and np.all(np.isfinite(model.projector_mm)))
 
 

@@ -72,6 +72,12 @@ def form_height(coefficients_mm: Array, box: Box, x_mm: ArrayLike, y_mm: ArrayLi
         (x_low, x_high, y_low, y_high), mm.
     x_mm, y_mm
         Points of the plate, of shapes that broadcast.
+
+    Examples
+    --------
+    >>> bow = np.array([0.3, 0, 0, 0, 0, 0, 0])  # Legendre's second polynomial along x
+    >>> form_height(bow, (-100.0, 100.0, -80.0, 80.0), [-100.0, 0.0, 100.0], 0.0).round(6).tolist()
+    [0.3, -0.15, 0.3]
     """
     x, y = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(y_mm, float))
     if not np.any(coefficients_mm):

@@ -34,6 +34,12 @@ def pick_points(
     -------
     u_px, v_px, cluster
         In the order of the raster.
+
+    Examples
+    --------
+    >>> u, v, cluster = pick_points(np.ones((4, 5), bool), 100)
+    >>> len(u), int(u.max()), int(v.max())
+    (20, 4, 3)
     """
     v, u = np.nonzero(inside)
     # A fixed stride over the raster would walk along columns: a draw has no such beat with fringes.

@@ -75,6 +75,18 @@ def height_of_phase(
         As for `reconstruct_height`.
     dtype
         Type of the maps: float32 halves the memory and rounds coordinates below 512 mm by 0.03 um at most.
+
+    Examples
+    --------
+    >>> from fringecal.camera import PlateCamera
+    >>> from fringecal.projector import RigModel
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (5, 7))
+    >>> rig = RigCalibration(camera, RigModel(np.array([0.5, 0, 0.5, 0, 0, 0, 0]), np.full(3, np.inf)), ())
+    >>> shape = (5, 7)
+    >>> step = ObjectPhase(np.full(shape, 1.0), np.full(shape, 0.01, np.float32), np.zeros(shape, np.uint8), 0)
+    >>> surface = height_of_phase(step, rig)  # a radian is 2 mm in the middle, where sight is vertical
+    >>> round(float(surface.z[2, 3]), 6), round(float(surface.u_z[2, 3]), 6)
+    (2.0, 0.02)
     """
     systematic = height_sensitivities(calibration, _range_of(phase, calibration, model), model=model)
     rows = rig_rows(calibration) if model == "projective" else None

@@ -126,7 +126,13 @@ def _axis_row(axis: FringeAxis) -> AxisRow:
 
 
 def check_schema() -> dict[str, Any]:
-    """Make the JSON Schema (2020-12) of the report from its model."""
+    """Make the JSON Schema (2020-12) of the report from its model.
+
+    Examples
+    --------
+    >>> check_schema()["type"]
+    'object'
+    """
     schema = CheckReport.model_json_schema(mode="serialization")
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "fringecal check", **schema}
 

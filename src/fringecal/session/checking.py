@@ -61,6 +61,12 @@ def load_session(folder: str | Path) -> Session:
     ------
     SessionError
         If anything is wrong with it; the error lists all faults, each with what to do.
+
+    Examples
+    --------
+    >>> session = load_session("tests/records/archive/0.1.0/session")
+    >>> [capture.kind for capture in session.captures.values()][:3]
+    ['grid', 'reference', 'strips']
     """
     check = check_session(folder)
     if check.session is None:

@@ -51,6 +51,12 @@ def fit_line(x: ArrayLike, y: ArrayLike) -> Line:
     ----------
     x, y
         (n,), n >= 3.
+
+    Examples
+    --------
+    >>> line = fit_line([0.0, 1.0, 2.0, 3.0], [1.0, 3.0, 5.0, 7.0])
+    >>> round(float(line.intercept), 9), round(float(line.slope), 9)
+    (1.0, 2.0)
     """
     xs, ys = np.asarray(x, float), np.asarray(y, float)
     if xs.shape != ys.shape or xs.size < 3 or np.ptp(xs) == 0:

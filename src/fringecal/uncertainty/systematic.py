@@ -68,6 +68,11 @@ def combined_map(u_random: ArrayLike, sensitivities: ArrayLike, covariance: Arra
         (K, ...) change of each value per unit of K common influences.
     covariance
         (K, K) covariance of the influences, or (K,) their standard uncertainties; unit when omitted.
+
+    Examples
+    --------
+    >>> float(combined_map(3.0, [4.0]))
+    5.0
     """
     c = np.asarray(sensitivities, float)
     systematic = np.einsum("k...,kl,l...->...", c, _matrix(covariance, c.shape[0]), c)

@@ -147,6 +147,12 @@ def lens_doubts(lens: Lens, device: Device = "camera", *, pixel_aspect: float | 
     pixel_aspect
         Distance of rows over that of columns (fx / fy), as sessions state it, where it is known; by default any that is
         built.
+
+    Examples
+    --------
+    >>> plain = Lens(np.array([800.0, 800.0, 323.1, 236.4, 0, 0, 0, 0, 0]), np.zeros((9, 9)), 640, 480)
+    >>> lens_doubts(plain)
+    ()
     """
     reach = lens_reach(lens)
     centre = _centre(lens, device)

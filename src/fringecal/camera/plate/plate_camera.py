@@ -285,7 +285,14 @@ def _rotated(points: Array, cosine: float, sine: float) -> Array:
 
 
 def local_scale(camera: PlateCamera, direction: str) -> float:
-    """Return the value of `PlateCamera.scale` alone, mm/px, without its uncertainty."""
+    """Return the value of `PlateCamera.scale` alone, mm/px, without its uncertainty.
+
+    Examples
+    --------
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> round(local_scale(camera, "mean"), 6)
+    0.8
+    """
     u0, v0 = camera.centre_px
     rays = camera.rays(np.array([u0 + 0.5, u0 - 0.5, u0, u0]), np.array([v0, v0, v0 + 0.5, v0 - 0.5]))
     horizontal = math.hypot(rays.ax[0] - rays.ax[1], rays.ay[0] - rays.ay[1])

@@ -96,6 +96,13 @@ def grid_of_board(points_px: ArrayLike, shape: tuple[int, ...]) -> GridDetection
     -----
     How well a corner is placed is told by its neighbours, between which a picture bends evenly: the scatter of second
     differences along rows and columns over the square root of 6.
+
+    Examples
+    --------
+    >>> corners = np.stack(np.meshgrid(20.0 * np.arange(4), 20.0 * np.arange(3)), axis=-1) + 10
+    >>> grid = grid_of_board(corners, (60, 90))
+    >>> grid.column.tolist()[:4], grid.u_px.tolist()[:4]
+    ([0, 1, 2, 3], [10.0, 30.0, 50.0, 70.0])
     """
     points = np.asarray(points_px, float)
     row, column = np.nonzero(np.isfinite(points).all(axis=2))

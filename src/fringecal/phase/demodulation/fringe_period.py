@@ -124,6 +124,12 @@ def phase_gradient(phase: ArrayLike, valid: ArrayLike | None = None) -> tuple[ND
         Phase, rad, (H, W).
     valid
         True where the phase is to be used; differences with a masked pixel are NaN.
+
+    Examples
+    --------
+    >>> along_u, along_v = phase_gradient([[0.0, 0.5], [3.0, -2.5 - 0.25]])
+    >>> along_u[0].tolist(), along_v[0].tolist()
+    ([0.5], [3.0, 3.0331853071795...])
     """
     p = np.asarray(phase, dtype=np.float64)
     if p.ndim != 2:

@@ -111,6 +111,13 @@ def noise_from_repeats(sets: ArrayLike, *, white_level: float | None = None) -> 
     ------
     PhaseError
         Fewer than two repeats.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(1)
+    >>> noise = noise_from_repeats(100 + rng.normal(0, 2.0, (3, 3, 60, 60)))
+    >>> bool(abs(noise.sigma(100) - 2.0) < 0.1)
+    True
     """
     grey = np.asarray(sets)
     if grey.ndim != 4 or grey.shape[0] < 2:

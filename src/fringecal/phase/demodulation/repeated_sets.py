@@ -155,6 +155,11 @@ def mean_of_repeats(sets: ArrayLike, *, white_level: float | None = None) -> NDA
         Grey values, (R, N, H, W).
     white_level
         Saturation, grey levels.
+
+    Examples
+    --------
+    >>> mean_of_repeats(np.stack([np.full((3, 1, 2), 10), np.full((3, 1, 2), 12)]))[0].tolist()
+    [[11.0, 11.0]]
     """
     grey = np.asarray(sets)
     mean = grey.mean(axis=0, dtype=np.float32)

@@ -162,7 +162,13 @@ def _in_degrees(phase_shifts: NDArray[np.float64]) -> str:
 
 
 def buckets(n: int) -> Scheme:
-    """Build the N-bucket scheme: N equal phase shifts over one period, the first at 0."""
+    """Build the N-bucket scheme: N equal phase shifts over one period, the first at 0.
+
+    Examples
+    --------
+    >>> np.rad2deg(buckets(4).phase_shifts_rad).round(6).tolist()
+    [0.0, 90.0, 180.0, 270.0]
+    """
     return least_squares(2 * np.pi * np.arange(n) / n, name=f"{n}-bucket")
 
 
@@ -239,6 +245,13 @@ def carre(frames: ArrayLike) -> NDArray[np.float64]:
     ------
     PhaseError
         Not four frames.
+
+    Examples
+    --------
+    >>> a, phase = np.deg2rad(55), 1.0
+    >>> frames = 100 + 50 * np.cos(phase + a * np.array([-3, -1, 1, 3]))
+    >>> round(float(carre(frames)), 6)
+    1.0
     """
     grey = np.asarray(frames, dtype=np.float64)
     if grey.shape[0] != 4:

@@ -36,6 +36,13 @@ def smooth_phase(phase: ArrayLike, *, kind: Literal["mean", "median"] = "mean", 
     ------
     PhaseError
         Not a 2-D map, or another kind or size.
+
+    Examples
+    --------
+    >>> spike = np.full((5, 5), 1.0)
+    >>> spike[2, 2] = 1.3
+    >>> round(float(smooth_phase(spike, kind="median")[2, 2]), 5)
+    1.0
     """
     wrapped = np.asarray(phase, np.float32)
     allowed = {"mean": size % 2 == 1 and size >= 1, "median": size in (3, 5)}

@@ -78,6 +78,16 @@ def summarise(
     ------
     PhaseError
         Frames and phase shifts that do not fit, as in `demodulate`; a scene without fringes is not an error.
+
+    Examples
+    --------
+    >>> phase = 2 * np.pi * np.arange(160) / 16 + np.zeros((120, 1))
+    >>> shifts = 2 * np.pi * np.arange(4) / 4
+    >>> frames = 100 + 60 * np.cos(phase + shifts[:, None, None])
+    >>> frames += np.random.default_rng(1).normal(0, 1, frames.shape)
+    >>> found = summarise(np.rint(frames).astype(np.uint8), shifts)
+    >>> bool(abs(found.period.period_px - 16) < 0.1)
+    True
     """
     adapted = demodulate_adapted(frames, phase_shifts_rad, white_level=white_level, wave=wave)
     notes = list(adapted.notes)

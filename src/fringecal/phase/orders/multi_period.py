@@ -198,6 +198,14 @@ def decide_orders(
     PhaseError
         Fewer than two periods, two that are equal, or periods that the pictures contradict; a reading of the periods
         that the pictures do not contradict is named.
+
+    Examples
+    --------
+    >>> u = np.tile(np.arange(100.0), (5, 1))  # fringes of 10 and 11 px meet again after 110 px
+    >>> phases = np.angle(np.exp(2j * np.pi * np.stack([u / 10, u / 11])))
+    >>> found = decide_orders(phases, np.full(phases.shape, 0.01), (10, 11))
+    >>> found.cycle, bool(np.abs(found.phase - 2 * np.pi * u / 10).max() < 1e-3)
+    (11, True)
     """
     maps, u_maps = np.asarray(phases, np.float32), np.asarray(sigmas, np.float32)
     lengths = np.asarray(periods, np.float64)

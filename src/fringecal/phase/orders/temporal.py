@@ -62,6 +62,12 @@ def beat_phase(fine: ArrayLike, coarse: ArrayLike) -> NDArray[np.float64]:
     Notes
     -----
     `fine - coarse mod 2 pi`; its period is `beat_period` and its variance the sum of both variances.
+
+    Examples
+    --------
+    >>> u = np.array([0.0, 5.0, 27.5])  # fringes of 10 and 11 px: a beat of 110 px
+    >>> (beat_phase(2 * np.pi * u / 10, 2 * np.pi * u / 11) / (2 * np.pi) * 110).round(6).tolist()
+    [0.0, 5.0, 27.5]
     """
     return np.mod(np.asarray(fine, np.float64) - np.asarray(coarse, np.float64), TURN)
 

@@ -113,6 +113,13 @@ def unwrap_regions(phase: ArrayLike, valid: ArrayLike) -> Unwrapped:
     -----
     An edge whose jump lies within some 0.15 rad (more where the surface is curved or noisy) of whole fringes along most
     of its length looks like a surface that touches its neighbour there, and is taken for one.
+
+    Examples
+    --------
+    >>> slope = 0.3 * np.tile(np.arange(60.0), (40, 1))
+    >>> found = unwrap_regions(np.angle(np.exp(1j * slope)), np.ones(slope.shape, bool))
+    >>> bool(np.abs(np.diff(found.phase, axis=1) - 0.3).max() < 1e-4)
+    True
     """
     regions = smooth_regions(phase, valid)
     if regions is None:

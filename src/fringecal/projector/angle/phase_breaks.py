@@ -91,7 +91,15 @@ def _shift_px(model: RigModel, camera: PlateCamera, surface: PhasePoints, u: Arr
 
 
 def runs_along_rows(model: RigModel, camera: PlateCamera) -> bool:
-    """Return whether the fringes run along the picture's rows rather than its columns."""
+    """Return whether the fringes run along the picture's rows rather than its columns.
+
+    Examples
+    --------
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> across_x, across_y = np.array([0.5, 0, 0.5, 0, 0, 0, 0]), np.array([0, 0.5, 0.5, 0, 0, 0, 0])
+    >>> [runs_along_rows(RigModel(one, np.full(3, np.inf)), camera) for one in (across_x, across_y)]
+    [False, True]
+    """
     u, v = camera.centre_px
     rays = camera.rays(np.array([u, u + 1, u]), np.array([v, v, v + 1]))
     phase = model.phase(rays.ax, rays.ay, 0.0)

@@ -38,12 +38,27 @@ def projection_tangent(model: RigModel, x_mm: ArrayLike, y_mm: ArrayLike) -> Arr
 
 
 def projection_angle(model: RigModel, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
-    """Return the projection angle in rad at plate points; positive at the origin."""
+    """Return the projection angle in rad at plate points; positive at the origin.
+
+    Examples
+    --------
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> round(float(np.rad2deg(projection_angle(model, 0.0, 0.0))), 6)
+    45.0
+    """
     return np.arctan(projection_tangent(model, x_mm, y_mm))
 
 
 def apparent_angle(model: RigModel, camera: PlateCamera, x_mm: ArrayLike, y_mm: ArrayLike) -> Array:
-    """Return the angle in rad that a small fringe break shows to the camera at plate points."""
+    """Return the angle in rad that a small fringe break shows to the camera at plate points.
+
+    Examples
+    --------
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> round(float(np.rad2deg(apparent_angle(model, camera, 0.0, 0.0))), 3)  # seen from above, as it is
+    45.0
+    """
     gx, gy, gz = model.gradient(x_mm, y_mm, 0.0)
     rays = camera.rays(*camera.project(x_mm, y_mm))
     seen = gz + gx * rays.bx + gy * rays.by
@@ -78,7 +93,16 @@ def theoretical_angle(
 def angle_budget(
     calibration: RigCalibration, x_mm: float = 0.0, y_mm: float = 0.0, *, apparent: bool = False
 ) -> Budget:
-    """Return the angle at a plate point in deg, with its budget."""
+    """Return the angle at a plate point in deg, with its budget.
+
+    Examples
+    --------
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> budget = angle_budget(RigCalibration(camera, model, ()))
+    >>> round(budget.result.value, 6), budget.result.u
+    (45.0, 0.0)
+    """
 
     def angle(c: RigCalibration) -> float:
         if apparent:
@@ -119,7 +143,16 @@ class OriginAngles:
 
 
 def angles_at_origin(calibration: RigCalibration, stated: ProjectorPosition | None) -> OriginAngles:
-    """Return measured, apparent and theoretical angle at the plate's origin."""
+    """Return measured, apparent and theoretical angle at the plate's origin.
+
+    Examples
+    --------
+    >>> camera = PlateCamera.from_values({"scale_mm_per_px": 0.8, "height_mm": 1100.0}, (480, 640))
+    >>> model = RigModel(np.array([0.5, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))  # light from 45 deg
+    >>> found = angles_at_origin(RigCalibration(camera, model, ()), None)
+    >>> round(found.angle.value, 6), found.theory
+    (45.0, None)
+    """
     angle = angle_budget(calibration)
     theory = None if stated is None else theoretical_angle(calibration.model, stated, 0.0, 0.0)
     return OriginAngles(angle.result, angle, angle_budget(calibration, apparent=True).result, theory)
@@ -146,7 +179,14 @@ def angles_from_breaks(model: RigModel, surface: PhasePoints) -> tuple[Array, Ar
 
 
 def fringe_pitch_mm(model: RigModel, x_mm: ArrayLike = 0.0, y_mm: ArrayLike = 0.0) -> Array:
-    """Return the fringes' pitch on the plate, across the fringe, in mm."""
+    """Return the fringes' pitch on the plate, across the fringe, in mm.
+
+    Examples
+    --------
+    >>> model = RigModel(np.array([2 * np.pi / 8, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0]), np.full(3, np.inf))
+    >>> round(float(fringe_pitch_mm(model)), 6)
+    8.0
+    """
     gx, gy, _ = model.gradient(x_mm, y_mm, 0.0)
     return 2 * math.pi / np.hypot(gx, gy)
 

@@ -68,6 +68,11 @@ def regular_bytes(path: Path) -> bytes:
     ------
     PictureError
         With what is there instead.
+
+    Examples
+    --------
+    >>> len(regular_bytes(Path("tests/data/oblique/grid.png"))) > 1000
+    True
     """
     try:
         _demand_regular(os.stat(path).st_mode)

@@ -143,7 +143,13 @@ def take_readings(
 
 
 def is_common(influence: Influence, detail: str, instrument: str | None) -> bool:
-    """Return whether a component of the rig is the calibration of the instrument that measured an artefact."""
+    """Return whether a component of the rig is the calibration of the instrument that measured an artefact.
+
+    Examples
+    --------
+    >>> is_common(Influence.INSTRUMENT, "caliper 3", "caliper 3"), is_common(Influence.TEMPERATURE, "", "caliper 3")
+    (True, False)
+    """
     return influence is Influence.INSTRUMENT and instrument is not None and detail == instrument
 
 
