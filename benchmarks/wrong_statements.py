@@ -185,7 +185,8 @@ def campaign(number: int, seed: int, cache: Path) -> tuple[int, int, int]:
         bad, told = bad + wrong, told + (decision in ("fail", "conditionalFail", "refused"))
         what = f"{case.kind}{' (bars)' if case.bars else ''}{' (lens)' if case.lens else ''}"
         print(
-            f"  {what:28} {100 * case.off:+7.2f} %  heights {percent:6.2f} %  {decision:16} {why}{'  WRONG' if wrong else ''}",
+            f"  {what:28} {100 * case.off:+7.2f} %  heights {percent:6.2f} %  {decision:16} {why}"
+            f"{'  WRONG' if wrong else ''}",
             flush=True,
         )
     return bad, told, count
