@@ -194,5 +194,8 @@ def board_record(volume_rig, volume_folder, tmp_path_factory):
         axes=("u", "v"), raster=rasters, poses=(),
         volume={"points_mm": corners, "u_least_mm": 0.01, "u_largest_mm": 0.02},
         baseline_mm=number, angle_deg=number | {"unit": "deg"},
+        targets={"board": {"kind": "chessboard", "name": "board", "certificate": "virtual"}},
+        checks=[{"name": "poses used", "value": 100, "limit": 70, "unit": "%", "decision": "pass",
+                 "rule": "15 of 15 poses of the board take part, at least the limit"}],
     )  # fmt: skip
     return write_board_calibration(record, tmp_path_factory.mktemp("calibration"))

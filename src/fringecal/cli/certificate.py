@@ -71,6 +71,8 @@ def _write_certificate(
     from fringecal.records import (
         Laboratory,
         certificate_xml,
+        is_board_calibration,
+        read_board_calibration,
         read_calibration,
         read_laboratory,
         read_verification,
@@ -82,7 +84,7 @@ def _write_certificate(
 
     demand_folder(out)
     stated = Laboratory() if lab is None else read_laboratory(lab)
-    calibration = read_calibration(record)
+    calibration = read_board_calibration(record) if is_board_calibration(record) else read_calibration(record)
     found = certificate_of(
         calibration,
         calibration.file_sha256,

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fringecal.records import (
+    BoardCalibrationRecord,
     CalibrationRecord,
     Check,
     Column,
@@ -24,8 +25,11 @@ def _estimate(value: float, u: float, dof: float | None, unit: str) -> Estimate:
     return Estimate(value, u, unit, dof=math.inf if dof is None else dof)
 
 
-def groups_of(record: CalibrationRecord) -> Iterator[Group]:
+def groups_of(record: CalibrationRecord | BoardCalibrationRecord) -> Iterator[Group]:
     """Give the results of a calibration: camera, projection angle, predicted uncertainty of heights."""
+    if isinstance(record, BoardCalibrationRecord):
+        yield from _groups_of_board_rig(record)
+        return
     scale, angle = record.scale, record.projection
     limit, largest = record.distortion.detection_limit_px, record.distortion.max_px
     yield Group(
@@ -51,6 +55,49 @@ def groups_of(record: CalibrationRecord) -> Iterator[Group]:
     )
     if record.advice and record.advice.forecasts:
         yield Group("Heights", tables=(_forecasts(record),), note="Uncertainty of heights by this calibration.")
+
+
+_DEVICES = {"camera": "Camera", "projector": "Projector"}
+_NUMBERS = {
+    "fx_px": "Focal length along the rows",
+    "fy_px": "Focal length along the columns",
+    "cx_px": "Centre, column",
+    "cy_px": "Centre, row",
+}
+
+
+def _groups_of_board_rig(record: BoardCalibrationRecord) -> Iterator[Group]:
+    """Give both devices, how they stand to one another, and how well points are known where boards were."""
+    for device, title in _DEVICES.items():
+        known = tuple(
+            Measured.of(text, _parameter(record, f"{device}.{name}"))
+            for name, text in _NUMBERS.items()
+            if f"{device}.{name}" not in record.undetermined
+        )
+        note = "Pixels are counted from 0 at the centre of the first; distortion stands in the record."
+        yield Group(title, known, note=note)
+    yield Group(
+        "Camera and projector",
+        (
+            Measured.of("Distance of their centres", record.baseline_mm.estimate()),
+            Measured.of("Angle of the rays amid the boards", record.angle_deg.estimate()),
+        ),
+    )
+    k, volume = coverage_factor(), record.volume
+    span = {"Least": volume.u_least_mm, "Largest": volume.u_largest_mm}
+    yield Group(
+        "Points in the volume",
+        tuple(
+            Measured(f"{which} expanded uncertainty of a point where boards were", f"{k * u:.2g}", "mm")
+            for which, u in span.items()
+        ),
+        note=f"Root sum of squares of x, y, z by the calibration, k = {k:.2f}; without the noise of a single pixel.",
+    )
+
+
+def _parameter(record: BoardCalibrationRecord, name: str) -> Estimate:
+    i = record.names.index(name)
+    return _estimate(record.parameters[i], math.sqrt(max(record.covariance[i][i], 0.0)), record.dof, "px")
 
 
 def _angle_tables(record: CalibrationRecord) -> tuple[ResultTable, ...]:

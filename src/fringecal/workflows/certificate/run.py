@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 
 from fringecal.errors import RecordError
 from fringecal.records import (
+    BoardCalibrationRecord,
     CalibrationRecord,
     Certificate,
     Check,
@@ -20,11 +21,17 @@ from fringecal.workflows.certificate.results import conformity_of, errors_of, gr
 from fringecal.workflows.shared import severest
 
 _NORM = "ISO/IEC 17025:2017"
+_COMMISSIONING = {
+    False: "Grid paper, bare plate and strips are photographed; camera, phase in space and heights of the strips are "
+    "fitted jointly (fringecal, procedure 'commissioning').",
+    True: "A board is photographed in several poses under fringes along the projector's axes; camera, projector as an "
+    "inverse camera, poses and the board's form are fitted jointly (fringecal, docs/board-rigs.md).",
+}
 _NOT_CALIBRATED = "not calibrated"  # what the certificate of an artefact says that has none
 
 
 def certificate_of(
-    record: CalibrationRecord,
+    record: CalibrationRecord | BoardCalibrationRecord,
     sha256: str,
     lab: Laboratory,
     *,
@@ -74,22 +81,39 @@ def certificate_of(
         humidity_percent=_ends(lab.conditions.humidity_percent),
         groups=(*groups_of(record), *errors_of(verification)),
         conformities=tuple(conformity_of(check) for check in checks if check.value is not None),
-        decision=_decision(record, checks),
+        decision=_decision(record, checks, verification),
         methods=_methods(record, verification),
         standards=standards,
-        statements=(*_statements(lab, standards, missing), *_unseen(record)),
+        statements=(*_statements(lab, standards, missing), *_unseen(record, verification)),
         software=record.software,
         record_sha256=sha256,
     )
 
 
-def _decision(record: CalibrationRecord, checks: Sequence[Check]) -> Decision:
-    """Return the severest outcome; no pass where the record does not say what a wrong statement could do unseen."""
+def _decision(
+    record: CalibrationRecord | BoardCalibrationRecord, checks: Sequence[Check], verification: VerificationRecord | None
+) -> Decision:
+    """Return the severest outcome; no pass where nothing says what a wrong statement could do unseen."""
     found = severest(checks)
-    return "conditionalPass" if found == "pass" and record.unseen is None else found
+    if isinstance(record, BoardCalibrationRecord):
+        proved = _measures_a_length(verification)
+    else:
+        proved = record.unseen is not None
+    return "conditionalPass" if found == "pass" and not proved else found
 
 
-def _demand_same(record: CalibrationRecord, sha256: str, verification: VerificationRecord | None) -> None:
+def _measures_a_length(verification: VerificationRecord | None) -> bool:
+    """Tell whether an artefact's certified length was measured: it alone shows a board whose print is of another scale.
+
+    Flatness and bows are certified as 0, which any scale leaves.
+    """
+    readings = () if verification is None else verification.readings
+    return any(one.unit == "mm" and one.en is not None and bool(one.reference) for one in readings)
+
+
+def _demand_same(
+    record: CalibrationRecord | BoardCalibrationRecord, sha256: str, verification: VerificationRecord | None
+) -> None:
     if verification is None:
         return
     if verification.calibration.sha256 != sha256:
@@ -107,22 +131,20 @@ def _ends(values: Sequence[float] | None) -> tuple[float, float] | None:
     return None if values is None else (min(values), max(values))
 
 
-def _temperature(record: CalibrationRecord, lab: Laboratory) -> tuple[float, float] | None:
+def _temperature(record: CalibrationRecord | BoardCalibrationRecord, lab: Laboratory) -> tuple[float, float] | None:
     stated = lab.conditions.temperature_degC
     measured = record.session.temperature_degC
     return _ends(stated) if stated is not None else _ends(None if measured is None else (measured,))
 
 
 # ---- how, against what, and what the reader must know ---------------------------------------------
-def _methods(record: CalibrationRecord, verification: VerificationRecord | None) -> tuple[Method, ...]:
+def _methods(
+    record: CalibrationRecord | BoardCalibrationRecord, verification: VerificationRecord | None
+) -> tuple[Method, ...]:
     level = COVERAGE if record.limits is None else record.limits.level
     older = any(one is not None and one.en_definition is None for one in (record, verification))
     return (
-        Method(
-            "Commissioning of a fringe-projection rig",
-            "Grid paper, bare plate and strips are photographed; camera, phase in space and heights of the strips are "
-            "fitted jointly (fringecal, procedure 'commissioning').",
-        ),
+        Method("Commissioning of a fringe-projection rig", _COMMISSIONING[isinstance(record, BoardCalibrationRecord)]),
         Method(
             "Expanded uncertainty",
             "Stated is the standard uncertainty times the coverage factor k given with it, for a coverage probability "
@@ -149,8 +171,17 @@ def _methods(record: CalibrationRecord, verification: VerificationRecord | None)
     )
 
 
-def _unseen(record: CalibrationRecord) -> Iterator[Statement]:
+def _unseen(
+    record: CalibrationRecord | BoardCalibrationRecord, verification: VerificationRecord | None
+) -> Iterator[Statement]:
     """State what of the statements on which heights rest was not proved."""
+    if isinstance(record, BoardCalibrationRecord):
+        if not _measures_a_length(verification):
+            yield Statement(
+                "Conformity is conditional: nothing shows whether the squares of the board are as large as stated, and "
+                "all lengths are in proportion to them; verify on a sphere, a ball bar or a block of steps."
+            )
+        return
     if record.unseen is None:
         yield Statement(
             "The record is of an older version and does not say which errors of what was stated (heights of artefacts, "
@@ -166,7 +197,7 @@ def _unseen(record: CalibrationRecord) -> Iterator[Statement]:
 
 
 def _standards(
-    record: CalibrationRecord, lab: Laboratory, verification: VerificationRecord | None
+    record: CalibrationRecord | BoardCalibrationRecord, lab: Laboratory, verification: VerificationRecord | None
 ) -> Iterator[UsedStandard]:
     used = dict(record.targets)
     if verification is not None:
