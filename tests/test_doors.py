@@ -45,6 +45,7 @@ WORKFLOWS = {
     "shared": set(),
     "grid": set(),
     "lens": set(),
+    "new": set(),
     "verify": set(),
     "reconstruct": set(),
     "procedure": set(),

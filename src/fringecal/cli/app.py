@@ -22,6 +22,7 @@ from fringecal.replacement import put_in_place_so_far
 VERBS = (
     "demo",
     "simulate",
+    "new",
     "check",
     "targets",
     "patterns",

@@ -67,3 +67,12 @@ from .strips.strip_search import (
 from .strips.strip_search import (
     find_strips as find_strips,
 )
+from .unknown_boards import (
+    UnknownBoard as UnknownBoard,
+)
+from .unknown_boards import (
+    board_in as board_in,
+)
+from .unknown_boards import (
+    stretched as stretched,
+)
