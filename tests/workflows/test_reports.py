@@ -227,7 +227,12 @@ def test_the_constant_angle_is_explained(verified, oblique):
     section = next(s for s in verified.sections if s.title == "Height models")
     assert "one constant angle" in section.sentences[0]
     assert "diverges" in section.sentences[1]
-    worst = tables_of(verified)["height-models.csv"].set_index("model")["worst band / %"]
+    table = tables_of(verified)["height-models.csv"].set_index("model")
+    assert set(table.index[table["fitted to"] == "virtual flats of the rig model"]) == {
+        "cubic", "pixelwise", "pixelwise-three-term"
+    }  # fmt: skip
+    assert "virtual flats of the rig model itself" in section.sentences[2]
+    worst = table["worst band / %"]
     assert worst["constant-angle"] == pytest.approx(oblique.bars.models["constant-angle"].worst_band_percent)
 
 

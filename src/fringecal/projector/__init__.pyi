@@ -137,6 +137,9 @@ from .height_models import (
     HEIGHT_MODELS as HEIGHT_MODELS,
 )
 from .height_models import (
+    fitted_to as fitted_to,
+)
+from .height_models import (
     height_changes as height_changes,
 )
 from .height_models import (

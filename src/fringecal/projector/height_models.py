@@ -30,6 +30,17 @@ class HeightModel:
     height: Callable[[Array, Rays], Array]
 
 
+def fitted_to(name: str) -> str:
+    """Say what a height model's numbers were fitted to.
+
+    Examples
+    --------
+    >>> fitted_to("projective"), fitted_to("cubic")
+    ('the session', 'virtual flats of the rig model')
+    """
+    return "virtual flats of the rig model" if name in _PIXELWISE else "the session"
+
+
 def height_model(calibration: RigCalibration, name: str = "projective") -> HeightModel:
     """Return a height model of a calibrated rig by name.
 

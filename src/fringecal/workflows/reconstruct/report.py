@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from fringecal.projector import fitted_to
 from fringecal.reconstruct import HeightMap, Reason
 from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
 from fringecal.report import (
@@ -59,7 +60,7 @@ def measurement_report(
     values = readable_surface(found.surface)
     return Report(
         title=f"Surface of {found.capture.name}",
-        subtitle="; ".join(filter(None, (f"Height model: {found.model}", found.treatment.sentence, _tie(found)))),
+        subtitle="; ".join(filter(None, (_model(found), found.treatment.sentence, _tie(found)))),
         verdict=Verdict(severest(checks), _sentence(found)),
         facts=_facts(found),
         sections=(
@@ -76,6 +77,12 @@ def measurement_report(
         command=command,
         created=created,
     )
+
+
+def _model(found: Measurement) -> str:
+    """Name the height model, and what it was fitted to where that is no measurement."""
+    fitted = fitted_to(found.model)
+    return f"Height model: {found.model}" + ("" if fitted == fitted_to("projective") else f", fitted to {fitted}")
 
 
 def _tie(found: Measurement) -> str:

@@ -7,6 +7,7 @@ from datetime import datetime
 import numpy as np
 import pandas as pd
 
+from fringecal.projector import fitted_to
 from fringecal.records import DEFAULT_LIMITS, Limits, software_versions
 from fringecal.report import (
     DOF,
@@ -57,6 +58,7 @@ _POOLED_COLUMNS = {
     "before": ("before", "s"),
     "after": ("after", "s"),
     "model": ("model", "s"),
+    "fitted_to": ("fitted to", "s"),
     "mean_mm": ("mean / mm", "+z.4f"),
     "sd_mm": ("sd / mm", ".4f"),
     "rms_mm": ("rms / mm", ".4f"),
@@ -240,6 +242,7 @@ def _profile_figure(errors: ZigzagErrors, curve: ProfileCurve, profile: ProfileE
 def _models_section(found: Verification) -> Section:
     """Set the height models side by side, and say why one constant angle is not enough."""
     frame = models_table(found.models)
+    frame.insert(1, "fitted_to", [fitted_to(name) for name in found.models])
     note = "pooled over the profiles, edge zones out; percent of the full height"
     table = _renamed("Height models", frame, _POOLED_COLUMNS, note)
     errors = list(found.models.values())
@@ -265,6 +268,18 @@ def _model_sentences(found: Verification) -> tuple[str, ...]:
         "The projector's light diverges: pitch and angle change over the field, which one angle and one pitch cannot "
         f"follow. The projective model can: worst band {best.worst_band_percent:.2f} % against "
         f"{constant.worst_band_percent:.2f} %.",
+        *_virtual(found),
+    )
+
+
+def _virtual(found: Verification) -> tuple[str, ...]:
+    """Say of laws fitted pixel by pixel what they were fitted to: no flats of this session."""
+    names = [name for name in found.models if fitted_to(name) != fitted_to("projective")]
+    if not names:
+        return ()
+    return (
+        f"{', '.join(names)}: laws of each pixel, fitted to {fitted_to(names[0])} itself. They show what such laws can "
+        "hold of this rig, and no error that the rig model has as well.",
     )
 
 
