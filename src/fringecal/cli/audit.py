@@ -56,7 +56,13 @@ def audit(
     )
     from fringecal.session import load_session
     from fringecal.workflows.audit import audit as run
-    from fringecal.workflows.audit import audit_record, audit_report, change_sentence, reuse_sentence
+    from fringecal.workflows.audit import (
+        audit_record,
+        audit_report,
+        change_sentence,
+        consequence_sentence,
+        reuse_sentence,
+    )
     from fringecal.workflows.shared import calibration_of
 
     demand_folder(out)
@@ -89,7 +95,11 @@ def audit(
     console.print(_table(record.changes))
     shown = {f"change of {change.name}" for change in record.changes}
     console.print(_others_table([check for check in record.checks if check.name not in shown]))
-    print_outcome(record.checks, (*record.notes, change_sentence(found)), out)
+    told = (consequence_sentence(record.checks), *record.notes, change_sentence(found))
+    print_outcome(record.checks, tuple(filter(None, told)), out)
+
+
+_TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
 
 
 def _others_table(checks: list["Check"]) -> Table:
@@ -111,8 +121,9 @@ def _value(check: "Check") -> str:
         # A value that rounds onto its limit gets the digits that show on which side it lies.
         near = check.limit is not None and abs(abs(check.value) - check.limit) < 0.01
         return f"En {check.value:+z.4f}" if near else f"En {check.value:+z.2f}"
-    chance = "p " if check.rule.startswith("chance") else ""
-    return f"{chance}{check.value:.3g} {check.unit}".rstrip()
+    if check.rule.startswith("chance"):
+        return "p < 1e-6" if check.value < _TOO_SMALL else f"p {check.value:.2g}"
+    return f"{check.value:.3g} {check.unit}".rstrip()
 
 
 def _table(changes) -> Table:  # type: ignore[no-untyped-def]

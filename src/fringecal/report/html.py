@@ -21,8 +21,11 @@ _OPEN = 5  # tables and figures that a page shows unasked; with more, it is a li
 
 @dataclass(frozen=True)
 class _Row:
+    """A row's cells, and the decision that it is marked by, if it holds one."""
+
     head: str | None
     cells: list[tuple[str, bool]]
+    mark: str = ""
 
 
 @dataclass(frozen=True)
@@ -162,7 +165,11 @@ def _plotly() -> str:
 def _view_table(table: Table) -> _TableView:
     printed = table_text(table)
     named = table.row_header
-    rows = [_Row(cells[0][0] if named else None, cells[1:] if named else cells) for cells in printed.rows]
+    marks = [str(one) if one in DECISIONS else "" for one in table.frame.get("decision", [""] * len(printed.rows))]
+    rows = [
+        _Row(cells[0][0] if named else None, cells[1:] if named else cells, mark)
+        for cells, mark in zip(printed.rows, marks, strict=True)
+    ]
     csv = table.frame.to_csv(index=False, lineterminator="\n").encode()
     return _TableView(
         table.caption,

@@ -1,4 +1,4 @@
-"""Figures of an audit: every change against its limit, and how well each single cause explains them."""
+"""Figures of an audit: every change against its limit, and the probability of each single cause."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,8 @@ from matplotlib.figure import Figure
 
 from fringecal.report.style import BLUE, GREY, GUIDE_PT, ORANGE, new_figure, styled
 
-_SURE_DECADES = 1.3  # odds of 20 to 1: a cause that is no less likely is not told from the best one
+_POSSIBLE = 5.0  # %: less likely causes are called unlikely
+_LEAST_PERCENT = 0.1  # of probability: less likely causes are in the table alone
 _WIDEST = 3.0  # limits; what lies beyond is drawn at the edge, with its number
 
 
@@ -56,28 +57,32 @@ def change_bars(
 
 
 @styled
-def cause_bars(names: Sequence[str], log_odds: Sequence[float], *, title: str = "") -> Figure:
-    """Draw how much less likely every cause is than the best one.
+def cause_bars(names: Sequence[str], probabilities: Sequence[float], *, title: str = "") -> Figure:
+    """Draw the probability of each cause, without those that are next to impossible.
 
     Parameters
     ----------
     names
         Causes, the likeliest first.
-    log_odds
-        Difference of log evidence to the best, 0 and negative, (n,).
+    probabilities
+        Of each, (n,), 1 in all.
     title
         What was explained.
     """
-    place = np.arange(len(names))
-    decades = np.abs(np.asarray(log_odds, float)) / np.log(10)
-    figure = new_figure(7.4, 1.5 + 0.34 * len(names))
+    percent = 100 * np.asarray(probabilities, float)
+    shown = max(int((percent >= _LEAST_PERCENT).sum()), 1)
+    place = np.arange(shown)
+    figure = new_figure(7.4, 1.5 + 0.34 * shown)
     axes = figure.subplots()
-    bars = axes.barh(place, decades + 0.3, color=[ORANGE if d < _SURE_DECADES else BLUE for d in decades], height=0.6)
-    axes.bar_label(bars, labels=[f"{d:.1f}" for d in decades], padding=4, fontsize=9)
-    axes.set_xscale("log")
-    axes.set_xlim(0.2, 3 * max(float(decades.max(initial=1.0)), 1.0) + 1)
-    axes.set_yticks(place, names)
+    bars = axes.barh(
+        place, percent[:shown], color=[ORANGE if p >= _POSSIBLE else BLUE for p in percent[:shown]], height=0.6
+    )
+    axes.bar_label(bars, labels=[f"{p:.3g} %" for p in percent[:shown]], padding=4, fontsize=9)
+    axes.set_xlim(0, 115)
+    axes.set_yticks(place, names[:shown])
     axes.invert_yaxis()
     axes.tick_params(axis="y", length=0)
-    axes.set(xlabel="decades less likely than the best; orange: not distinguished (odds under 20 to 1)", title=title)
+    others = len(names) - shown
+    left = f"; {others} more below {_LEAST_PERCENT:g} % each" if others else ""
+    axes.set(xlabel=f"probability / %; orange: likely or possible{left}", title=title)
     return figure

@@ -4,6 +4,9 @@ from .checks import (
 from .checks import (
     changes_of as changes_of,
 )
+from .consequences import (
+    consequence_sentence as consequence_sentence,
+)
 from .record import (
     audit_record as audit_record,
 )

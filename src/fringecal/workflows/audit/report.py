@@ -23,8 +23,9 @@ from fringecal.report import (
 )
 from fringecal.uncertainty import EXPANDED_BY, decide, uncertainty_text, value_text
 from fringecal.workflows.audit.checks import Change, audit_checks, changes_of
+from fringecal.workflows.audit.consequences import consequence_sentence
 from fringecal.workflows.audit.run import Audit
-from fringecal.workflows.audit.sentences import amount_text, audit_sentence
+from fringecal.workflows.audit.sentences import amount_text, audit_sentence, cause_probabilities, likelihood_words
 from fringecal.workflows.commission import verified_sections
 from fringecal.workflows.shared import checks_table, inputs_of_capture, phase_section, severest
 from fringecal.workflows.verify import Verified
@@ -53,7 +54,7 @@ def audit_report(
     return Report(
         title=f"Audit of {found.session.rig}",
         subtitle=f"Captured {found.session.captured:%Y-%m-%d %H:%M}; compared with the calibration in force",
-        verdict=Verdict(severest(checks), audit_sentence(found)),
+        verdict=Verdict(severest(checks), f"{consequence_sentence(checks)} {audit_sentence(found)}".strip()),
         facts=tuple(_fact(change) for change in changes),
         sections=(
             Section("Checks", (), (checks_table(checks),)),
@@ -91,7 +92,7 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
             "limit": c.limit,
             "decision": decide(c.found.value, c.found.u, lower=-c.limit, upper=c.limit, level=limits.level).outcome,
         }
-        for c in changes
+        for c in sorted(changes, key=lambda c: -abs(c.found.value) / c.limit)
     ]
     formats = {
         "change": "+.3g",
@@ -123,26 +124,28 @@ def _causes_section(found: Audit) -> tuple[Section, ...]:
     """Show how well every single cause explains the change."""
     if not found.causes:
         return ()
-    best = found.causes[0].log_evidence
+    probabilities = cause_probabilities(found.causes)
     rows = [
         {
             "cause": fit.cause.text,
+            "probability / %": 100 * probability,
+            "in words": likelihood_words(probability),
             "amounts": ", ".join(f"{move.text} {amount_text(move, value)}" for move, value in fit.amounts.items()),
             "chi-squared": fit.chi2,
             "of": fit.dof,
-            "ln(odds)": fit.log_evidence - best,
         }
-        for fit in found.causes
+        for fit, probability in zip(found.causes, probabilities, strict=True)
     ]
     note = (
-        "the signature of each cause, fitted to all changes at once; chi-squared of the residuals; ln(odds): "
-        "evidence against the best cause, reduced for every free amount"
+        "the signature of each cause, fitted to all changes at once; probability: if it was one of these alone, all as "
+        "likely before; chi-squared of the residuals"
     )
-    table = Table("Causes", pd.DataFrame(rows), note, {"chi-squared": ".1f", "ln(odds)": ".1f"})
+    table = Table("Causes", pd.DataFrame(rows), note, {"chi-squared": ".1f", "probability / %": ".1f"})
     figure = FigureItem(
         "Causes compared",
-        cause_bars([fit.cause.text for fit in found.causes], [fit.log_evidence - best for fit in found.causes]),
-        f"Bars of {len(found.causes)} causes by how much less likely they are than {found.causes[0].cause.text}.",
+        cause_bars([fit.cause.text for fit in found.causes], probabilities),
+        f"Bars of the probability of single causes; the likeliest of {len(found.causes)} is "
+        f"{found.causes[0].cause.text}, {probabilities[0]:.0%}.",
     )
     return (Section("What probably moved", (audit_sentence(found),), (table,), (figure,)),)
 

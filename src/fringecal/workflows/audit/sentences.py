@@ -1,6 +1,7 @@
 """What an audit found, in words: whether the rig changed, what probably moved and by how much, what else it may be."""
 
 import math
+from collections.abc import Sequence
 
 from fringecal.projector import STRIP_SETS, Move
 from fringecal.workflows.audit.ranked_causes import CauseFit
@@ -10,6 +11,7 @@ _CLOSE = 3.0  # difference of log evidence: below it, odds under 20 to 1, the ru
 _UNEXPLAINED = 1e-4  # chance of the misfit that a cause leaves, below which more than one thing may have moved
 _FIRST_ORDER = 0.01  # of chi-squared, a tenth of the change: signatures hold no closer
 _TOO_SMALL = 1e-6  # smaller probabilities are no longer to be taken by their number
+_LIKELY = ((0.95, "very likely"), (0.5, "likely"), (0.05, "possible"), (0.0, "unlikely"))  # 5 %: as tests have it
 _PART_OF_USUAL = 2.0  # amounts are stated where they exceed this many of their uncertainties
 _ANGLES = frozenset(
     {
@@ -47,10 +49,10 @@ def change_sentence(found: Audit) -> str:
     """Say whether the rig changed, and which single cause explains it best, with the runner-up where it is close."""
     if not found.changed:
         head = "The difference" if found.reused else "The rig is as calibrated: the difference"
-        return f"{head} is within what chance explains (probability {found.probability:.2g})."
-    small = found.probability < _TOO_SMALL
-    chance = f"below {_TOO_SMALL:.0e}" if small else f"{found.probability:.1g}"
-    head = f"The rig has changed since its calibration (probability of chance {chance})."
+        return f"{head} is within what chance explains (as large on {found.probability:.0%} of unchanged rigs)."
+    head = (
+        f"The rig has changed since its calibration (an unchanged one would seem so {chance_words(found.probability)})."
+    )
     if not found.causes:
         return head
     best, *others = found.causes
@@ -60,6 +62,37 @@ def change_sentence(found: Audit) -> str:
     close = [fit for fit in others[:1] if best.log_evidence - fit.log_evidence < _CLOSE]
     also = f" Hardly less likely: {cause_words(close[0])}." if close else ""
     return f"{head} Probable cause: {cause_words(best)}.{unexplained}{also}"
+
+
+def chance_words(probability: float) -> str:
+    """Say a small probability as a frequency.
+
+    Examples
+    --------
+    >>> chance_words(0.0034), chance_words(1.12e-56)
+    ('once in 300', 'less than once in a million')
+    """
+    if probability < _TOO_SMALL:
+        return "less than once in a million"
+    return f"once in {float(f'{1 / probability:.1g}'):.0f}"
+
+
+def cause_probabilities(causes: Sequence[CauseFit]) -> tuple[float, ...]:
+    """Probability of each single cause, if one of them it was and all were as likely before."""
+    best = max(fit.log_evidence for fit in causes)
+    odds = [math.exp(fit.log_evidence - best) for fit in causes]
+    return tuple(one / sum(odds) for one in odds)
+
+
+def likelihood_words(probability: float) -> str:
+    """Say how likely a cause is.
+
+    Examples
+    --------
+    >>> [likelihood_words(p) for p in (0.97, 0.6, 0.1, 0.001)]
+    ['very likely', 'likely', 'possible', 'unlikely']
+    """
+    return next(words for least, words in _LIKELY if probability >= least)
 
 
 def cause_words(fit: CauseFit) -> str:

@@ -68,7 +68,8 @@ def budget_table(caption: str, budget: Budget) -> Table:
 
 
 def checks_table(checks: Sequence[Check]) -> Table:
-    """Tabulate named checks with their limits and decisions."""
+    """Tabulate named checks with their limits and decisions, what did not pass first."""
+    checks = sorted(checks, key=lambda check: _SEVEREST_FIRST.index(check.decision))
     keys = ("name", "value", "u", "expanded", "limit", "unit", "decision", "rule")
     frame = pd.DataFrame([{key: getattr(check, key) for key in keys} for check in checks], columns=list(keys))
     frame["u"] = frame["u"].where(frame["u"] != 0)  # of a bound that is compared as it is, nothing is known
