@@ -290,7 +290,44 @@ def test_a_file_that_is_none_of_the_laboratorys_is_refused(tmp_path, text, reaso
 
 def test_days_are_the_sessions_unless_stated(record, sha256, lab, certificate):
     assert certificate.begin == certificate.end == record.session.captured.date()
-    facts = lab.report.model_copy(update={"begin": datetime.date(2026, 11, 20)})
+    before = record.session.captured.date() - datetime.timedelta(days=2)
+    facts = lab.report.model_copy(update={"begin": before})
     stated = certificate_of(record, sha256, lab.model_copy(update={"report": facts}))
-    assert stated.begin == datetime.date(2026, 11, 20)
+    assert stated.begin == before
     assert replace(stated, missing=("x",)).draft
+
+
+@pytest.mark.parametrize(
+    ("table", "stated", "reason"),
+    [
+        ("report", {"issued": datetime.date(2007, 1, 1)}, "report.issued: no report is issued on 2007-01-01"),
+        ("report", {"received": datetime.date(2031, 1, 1)}, "report.received: the item cannot come in on 2031-01-01"),
+        ("report", {"begin": datetime.date(2031, 1, 2), "issued": datetime.date(2032, 1, 1)}, "report.begin"),
+        ("report", {"end": datetime.date(2007, 1, 1)}, "report.end: the work cannot end on 2007-01-01"),
+        ("conditions", {"humidity_percent": (40.0, 5000.0)}, "conditions.humidity_percent: 5000 % cannot be"),
+        ("conditions", {"humidity_percent": (-1.0,)}, "conditions.humidity_percent: -1 % cannot be"),
+        ("conditions", {"temperature_degC": (-300.0,)}, "conditions.temperature_degC: -300 degC cannot be"),
+    ],
+)
+def test_what_cannot_be_is_refused_with_the_reason(record, sha256, lab, table, stated, reason):
+    """A day before the work, air wetter than water, colder than absolute zero: in a draft as well."""
+    wrong = lab.model_copy(update={table: getattr(lab, table).model_copy(update=stated)})
+    for draft in (False, True):
+        with pytest.raises(RecordError, match=re.escape(reason)):
+            certificate_of(record, sha256, wrong, draft=draft)
+
+
+def test_a_session_colder_than_can_be_is_refused(record, sha256, lab):
+    cold = record.model_copy(update={"session": record.session.model_copy(update={"temperature_degC": -300.0})})
+    without = lab.model_copy(update={"conditions": lab.conditions.model_copy(update={"temperature_degC": None})})
+    with pytest.raises(RecordError, match="-300 degC cannot be"):
+        certificate_of(cold, sha256, without)
+
+
+def test_a_record_that_does_not_say_what_could_hide_is_no_pass(record, sha256, lab):
+    """The archived record is of a version that did not ask; one that asked and found all within limits may pass."""
+    passed = tuple(c.model_copy(update={"decision": "pass"}) for c in record.checks)
+    old = record.model_copy(update={"checks": passed, "unseen": None})
+    assert certificate_of(old, sha256, lab).decision == "conditionalPass"
+    asked = old.model_copy(update={"unseen": ()})
+    assert certificate_of(asked, sha256, lab).decision == "pass"

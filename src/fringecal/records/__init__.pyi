@@ -110,6 +110,9 @@ from .certificates.laboratory import (
     Party as Party,
 )
 from .certificates.laboratory import (
+    impossible_in as impossible_in,
+)
+from .certificates.laboratory import (
     missing_in as missing_in,
 )
 from .certificates.laboratory import (

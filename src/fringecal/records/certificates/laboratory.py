@@ -163,6 +163,50 @@ def _missing(lab: Laboratory, temperature_stated: bool) -> Iterator[str]:
         yield "person: name and role of who authorises the report, with signs = true"
 
 
+COLDEST_DEGC, WARMEST_DEGC = -40.0, 85.0
+"""Temperatures in which cameras and projectors are built to work at most: what lies beyond is a slip of the pen."""
+
+
+def impossible_in(lab: Laboratory, *, begin: datetime.date, end: datetime.date) -> tuple[str, ...]:
+    """Name everything stated that cannot be, each with the reason.
+
+    Parameters
+    ----------
+    lab
+        What is stated.
+    begin, end
+        First and last day of the work, as stated or by the session.
+
+    Examples
+    --------
+    >>> lab = Laboratory(conditions=Conditions(humidity_percent=(5000.0,)))
+    >>> impossible_in(lab, begin=datetime.date(2026, 11, 22), end=datetime.date(2026, 11, 22))
+    ('conditions.humidity_percent: 5000 % cannot be; relative humidity lies between 0 and 100 %',)
+    """
+    return (*_impossible_days(lab.report, begin, end), *_impossible_conditions(lab.conditions))
+
+
+def _impossible_days(facts: ReportFacts, begin: datetime.date, end: datetime.date) -> Iterator[str]:
+    if end < begin:
+        yield f"report.end: the work cannot end on {end}, before it began on {begin}"
+    if facts.received is not None and facts.received > begin:
+        yield f"report.received: the item cannot come in on {facts.received}, after the work began on {begin}"
+    if facts.issued is not None and facts.issued < max(begin, end):
+        yield f"report.issued: no report is issued on {facts.issued}, before the work ended on {max(begin, end)}"
+
+
+def _impossible_conditions(conditions: Conditions) -> Iterator[str]:
+    for degrees in conditions.temperature_degC or ():
+        if not COLDEST_DEGC <= degrees <= WARMEST_DEGC:
+            yield (
+                f"conditions.temperature_degC: {degrees:g} degC cannot be; no rig works outside {COLDEST_DEGC:g} to "
+                f"{WARMEST_DEGC:g} degC"
+            )
+    for percent in conditions.humidity_percent or ():
+        if not 0 <= percent <= 100:  # noqa: PLR2004 -- by its definition
+            yield (f"conditions.humidity_percent: {percent:g} % cannot be; relative humidity lies between 0 and 100 %")
+
+
 def read_laboratory(path: str | Path) -> Laboratory:
     """Read `lab.toml`; what it does not state stays open.
 

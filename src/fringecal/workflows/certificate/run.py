@@ -1,5 +1,6 @@
 """A calibration report from records: their numbers, what the laboratory states, and nothing that neither says."""
 
+import datetime
 from collections.abc import Iterator, Sequence
 
 from fringecal.errors import RecordError
@@ -14,6 +15,7 @@ from fringecal.records import (
     Statement,
     UsedStandard,
     VerificationRecord,
+    impossible_in,
     missing_in,
 )
 from fringecal.uncertainty import COVERAGE
@@ -71,6 +73,7 @@ def certificate_of(
     _demand_same(record, sha256, verification)
     checks = (*record.checks, *(verification.checks if verification else ()))
     day = (record.session.captured or record.created).date()
+    _demand_possible(record, lab, day)
     standards = tuple(_standards(record, lab, verification))
     return Certificate(
         lab=lab,
@@ -109,6 +112,27 @@ def _measures_a_length(verification: VerificationRecord | None) -> bool:
     """
     readings = () if verification is None else verification.readings
     return any(one.unit == "mm" and one.en is not None and bool(one.reference) for one in readings)
+
+
+def _demand_possible(record: CalibrationRecord | BoardCalibrationRecord, lab: Laboratory, day: datetime.date) -> None:
+    """Refuse days and conditions that cannot be, in a draft as well: who reads one must not find them.
+
+    Raises
+    ------
+    RecordError
+        All of them named, each with the reason.
+    """
+    facts = lab.report
+    taken = record.session.temperature_degC
+    if lab.conditions.temperature_degC is None and taken is not None:
+        lab = lab.model_copy(update={"conditions": lab.conditions.model_copy(update={"temperature_degC": (taken,)})})
+    wrong = list(impossible_in(lab, begin=facts.begin or day, end=facts.end or day))
+    if record.session.captured is not None and facts.begin is not None and facts.begin > day:
+        wrong.append(f"report.begin: the work cannot begin on {facts.begin}, after the pictures were taken on {day}")
+    if record.session.captured is not None and facts.end is not None and facts.end < day:
+        wrong.append(f"report.end: the work cannot end on {facts.end}, before the pictures were taken on {day}")
+    if wrong:
+        raise RecordError("the laboratory's file states what cannot be\n  " + "\n  ".join(wrong))
 
 
 def _demand_same(
