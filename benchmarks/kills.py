@@ -207,7 +207,11 @@ def edge_trial(bench: Bench, rng: random.Random, count: int) -> str:
     struck = process.poll() is None
     if struck:
         process.send_signal(number)
-    read += process.communicate(timeout=PATIENCE_S)[0]
+    try:
+        read += process.communicate(timeout=PATIENCE_S)[0]
+    except subprocess.TimeoutExpired as slow:
+        process.kill()
+        raise BrokenTrial(f"{number.name}: still there after {PATIENCE_S} s") from slow
     said = read.decode(errors="replace")
     demand("Traceback" not in said and "Exception ignored" not in said, f"a traceback: {said[-600:]}")
     demand(process.returncode in (0, 130, 143), f"exit code {process.returncode}: {said[-300:]}")

@@ -33,6 +33,14 @@ def test_levels_are_read_up_to_the_limit():
         toml_of("a = " + "[" * 5000)
 
 
+def test_a_number_beyond_64_bits_is_refused():
+    """The largest double is 1.798e308; what is written larger would be read as infinite, which no record may hold."""
+    assert json_of('{"a": [1.7e308, -1.7E+308, 1e-400]}')["a"][2] == 0
+    for text in ("1e999", "-1e309", "1" + "0" * 309 + ".0"):
+        with pytest.raises(Refusal, match="beyond those of 64 bits"):
+            json_of(f'{{"a": [{text}]}}')
+
+
 @pytest.mark.parametrize("read", [json_of, toml_of])
 def test_digits_are_read_up_to_the_limit(read):
     def stated(number):

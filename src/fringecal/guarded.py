@@ -5,6 +5,7 @@ The limits stand in docs/records.md.
 """
 
 import json
+import math
 import os
 import reprlib
 import stat
@@ -136,11 +137,13 @@ def json_of(text: str) -> dict[str, Any]:
     Raises
     ------
     Refusal
-        It is not JSON or no object, is nested too deeply, holds a number that JSON cannot, a whole number of too many
-        digits, or one key twice.
+        It is not JSON or no object, is nested too deeply, holds a number that JSON or 64 bits cannot, a whole number of
+        too many digits, or one key twice.
     """
     try:
-        document = json.loads(text, parse_constant=_no_number, parse_int=_whole, object_pairs_hook=_once)
+        document = json.loads(
+            text, parse_constant=_no_number, parse_int=_whole, parse_float=_finite, object_pairs_hook=_once
+        )
     except RecursionError as error:
         raise Refusal(_TOO_DEEP) from error
     except Refusal:
@@ -200,6 +203,12 @@ def _whole(digits: str) -> int:
     if len(digits) > MOST_DIGITS + 1:
         raise Refusal(_TOO_LONG)
     return int(digits)
+
+
+def _finite(text: str) -> float:
+    if math.isinf(number := float(text)):
+        raise Refusal(f"holds the number {shortened(text)}, which is beyond those of 64 bits")
+    return number
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
