@@ -248,7 +248,7 @@ def reduced(picture: Image.Image) -> Image.Image:
         return picture.quantize(COLOURS, dither=Image.Dither.NONE)
     shares = np.linspace(0, 1, 8)[:, None]
     tints = [255 + shares * (255 * np.array(to_rgb(colour)) - 255) for colour in (GREEN, ORANGE)]
-    greys = np.repeat(np.linspace(0, 255, 56)[:, None], 3, axis=1)
+    greys = np.repeat(np.linspace(0, 255, 24)[:, None], 3, axis=1)
     palette = Image.new("P", (1, 1))
     palette.putpalette(np.rint(np.vstack([greys, *tints])).astype(np.uint8).tobytes())
     return picture.quantize(palette=palette, dither=Image.Dither.NONE)
