@@ -18,7 +18,7 @@ from fringecal.records.study_record import Comparison, RigResult, rig_file
 from fringecal.simulate import load_rig
 from fringecal.targets import parse_target
 from fringecal.uncertainty.coverage import wilson_interval
-from fringecal.workflows.study.coverage_summary import summarise
+from fringecal.workflows.study.coverage_summary import ENOUGH, summarise
 from fringecal.workflows.study.drawn_rigs import STEP_ERROR_DEG, draw_rig
 from fringecal.workflows.study.run import StudyPlan, examine_rig, run_study
 from fringecal.workflows.study.workers import ClusterKeys, cluster, local_pool
@@ -83,6 +83,17 @@ def results(rng, number, spread=1.0):
         else:
             found = EstimateRecord(value=2.0 + 0.1 * spread * rng.standard_normal(), u=0.1, unit="mm")
             yield RigResult(number=k, quantities=(Comparison(name="5 mm", true=2.0, found=found),))
+
+
+def test_a_study_of_few_rigs_is_too_few_to_judge():
+    """All of 51 intervals may hold the truth by luck where 93 % do; that 0 of 20 do is proof enough."""
+    few = summarise(list(results(np.random.default_rng(1), 20, 1.0)))
+    (quantity,) = few.quantities
+    assert quantity.decision == "info"
+    assert few.sentence.startswith("Too few to judge")
+    assert wilson_interval(ENOUGH - 1, ENOUGH - 1)[0] < 0.93 <= wilson_interval(ENOUGH, ENOUGH)[0]
+    (missed,) = summarise(list(results(np.random.default_rng(1), 20, 100.0))).quantities
+    assert missed.decision == "fail"
 
 
 @pytest.mark.parametrize(("spread", "decision"), [(1.0, "pass"), (0.5, "fail"), (2.0, "fail")])

@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 
 WANTED = (0.93, 0.97)  # share of 95 % intervals that may hold the truth: 500 rigs know it to 1 % (standard deviation)
 FEWEST = 2  # rigs: one has no spread
+ENOUGH = 52
+"""Rigs from which a coverage can be judged: if the intervals of all of fewer held the truth, the band of the coverage
+would still begin below 93 % (Wilson: ``n / (n + 1.96^2) >= 0.93``)."""
 
 
 @dataclass(frozen=True)
@@ -82,10 +85,16 @@ class QuantityCoverage:
 
     @property
     def decision(self) -> Decision:
-        """Pass within 93..97 %; conditional fail where only the band reaches it, fail where the band does not."""
+        """Pass within 93..97 %; conditional fail where only the band reaches it, fail where the band does not.
+
+        Too few rigs prove no pass: unless their band lies outside, they are information alone.
+        """
+        outside = self.band[0] > WANTED[1] or self.band[1] < WANTED[0]
+        if self.error.size < ENOUGH and not outside:
+            return "info"
         if WANTED[0] <= self.coverage <= WANTED[1]:
             return "pass"
-        return "conditionalFail" if self.band[0] <= WANTED[1] and self.band[1] >= WANTED[0] else "fail"
+        return "fail" if outside else "conditionalFail"
 
 
 @dataclass(frozen=True)
@@ -102,7 +111,9 @@ class StudySummary:
         within = sum(q.decision == "pass" for q in self.quantities)
         shares = [100 * q.coverage for q in self.quantities]
         number = len(self.quantities)
-        return (
+        judged = self.rigs - len(self.refused)
+        few = f"Too few to judge a coverage: {judged} rigs, {ENOUGH} at least are needed. " if judged < ENOUGH else ""
+        return few + (
             f"{self.rigs - len(self.refused)} of {self.rigs} rigs were commissioned, {len(self.refused)} refused. "
             f"95 % intervals hold the true value in {min(shares):.1f} to {max(shares):.1f} % of the rigs; "
             f"{within} of {number} quantities lie within {100 * WANTED[0]:.0f} to {100 * WANTED[1]:.0f} %."
@@ -135,7 +146,10 @@ class StudySummary:
 
     def checks(self) -> tuple[Check, ...]:
         """Judge every coverage."""
-        rule = "share of 95 % intervals that hold the true value, 93 to 97 %; fail where its binomial band lies outside"
+        rule = (
+            "share of 95 % intervals that hold the true value, 93 to 97 %; fail where its binomial band lies outside; "
+            f"not judged otherwise with fewer than {ENOUGH} rigs"
+        )
         return tuple(
             Check(
                 name=f"coverage of {q.name}",
