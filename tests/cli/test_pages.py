@@ -61,6 +61,13 @@ SMALLER: dict[str, str] = {
     "fringecal study --rigs 500 --seed 2008 --out study": (  # rigs drawn at random: tests/workflows/test_study.py
         "fringecal study --rig my-rig.toml --rigs 2 --heights 5,15,30 --out study"
     ),
+    # The same with and without a history, of which the tutorial shows the longer one.
+    "fringecal commission session --out calibration": (
+        "fringecal commission session --out calibration --history history.db"
+    ),
+    "fringecal commission SESSION --out calibration": (
+        "fringecal commission session --out calibration --history history.db"
+    ),
     "fringecal audit SESSION --calibration calibration/calibration.json --out audit": (
         "fringecal audit moved --calibration calibration --out audit-moved"
     ),
@@ -343,6 +350,7 @@ def shown(report: Path) -> str:
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("blank_figures")
 def test_every_command_of_every_page_runs_and_does_what_the_page_says(run, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     prepare(tmp_path)
