@@ -48,7 +48,9 @@ def audit_report(
     command, created, limits, history
         As for `commission_report`.
     """
-    checks, changes = audit_checks(found, limits), changes_of(found, limits)
+    checks = audit_checks(found, limits)
+    # What is nearest to its limit, or beyond it, is read first.
+    changes = tuple(sorted(changes_of(found, limits), key=lambda change: -abs(change.found.value) / change.limit))
     phases = tuple(part.phase for part in (found.plate, *found.strips) if part is not None)
     captures = found.session.captures.values()
     return Report(
@@ -92,7 +94,7 @@ def _changes_section(found: Audit, changes: tuple[Change, ...], limits: Limits) 
             "limit": c.limit,
             "decision": decide(c.found.value, c.found.u, lower=-c.limit, upper=c.limit, level=limits.level).outcome,
         }
-        for c in sorted(changes, key=lambda c: -abs(c.found.value) / c.limit)
+        for c in changes
     ]
     formats = {
         "change": "+.3g",
