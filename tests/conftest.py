@@ -38,12 +38,12 @@ TOGETHER = {
     "the thesis's rig": ("workflows/test_thesis_rig.py", "workflows/test_artefacts.py"),
     "pages": ("cli/test_pages.py",),
     "the oblique rig": (
+        "library/test_library.py",
         "workflows/test_angle.py",
         "workflows/test_camera_height.py",
         "workflows/test_oblique_rig.py",
         "workflows/test_reports.py",
     ),
-    "library": ("library/test_library.py",),
     "audits": ("workflows/test_audit.py",),
     "workers": ("workflows/test_study.py",),
     "records": ("workflows/test_rerun.py",),
@@ -51,6 +51,15 @@ TOGETHER = {
 }
 GROUPS = {f"tests/{file}": group for group, files in TOGETHER.items() for file in files}
 RANKS = {group: rank for rank, group in enumerate(TOGETHER)}
+
+
+@pytest.fixture(scope="session")
+def oblique_commissioned(request):
+    """The oblique rig, commissioned by itself: what it writes to disk is up to tests/cli."""
+    from fringecal.session import load_session
+    from fringecal.workflows.commission import commission
+
+    return commission(load_session(request.config.rootpath / "tests" / "data" / "oblique"))
 
 
 def group_of(nodeid: str) -> str:

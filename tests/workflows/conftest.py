@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,9 +23,9 @@ from fringecal.simulate import (
 )
 from fringecal.uncertainty.influences import TEXTS
 from fringecal.workflows.audit.cause_kinds import CAUSE_TEXTS
-from fringecal.workflows.commission import CalibratedSession, Commissioning, calibrate_session, judged_session
+from fringecal.workflows.commission import CalibratedSession, Commissioning, commission
 from fringecal.workflows.shared import inputs_of, session_note
-from fringecal.workflows.verify.run import Verification, verify
+from fringecal.workflows.verify import Verification, studied
 
 SEED = 2008
 TEXT_TABLES = (TEXTS, FINDING_TEXTS, MOVE_TEXTS, CAUSE_TEXTS)
@@ -62,15 +61,14 @@ class Judged:
     """A rig as commissioned and verified, and what is true of it."""
 
     session: Session
-    found: CalibratedSession
+    commissioned: Commissioning
     bars: Verification
     truth: dict[str, Any]
     maps: dict[str, np.ndarray]
 
-    @cached_property
-    def commissioned(self) -> Commissioning:
-        """The calibrated session with all that judges it."""
-        return judged_session(self.found)
+    @property
+    def found(self) -> CalibratedSession:
+        return self.commissioned.calibrated
 
     @property
     def scale_error(self) -> float:
@@ -82,11 +80,10 @@ class Judged:
         return self.found.result.origin.angle.value - self.truth["angle_origin_deg"]
 
 
-def judged(folder: Path, truth: dict[str, Any], maps: dict[str, np.ndarray]) -> Judged:
-    session = load_session(folder)
-    found = calibrate_session(session)
-    bars = verify(session, "bars", found.result.rig, with_filters=False)
-    return Judged(session, found, bars, truth, maps)
+def judged(commissioned: Commissioning, truth: dict[str, Any], maps: dict[str, np.ndarray]) -> Judged:
+    (bars,) = commissioned.verified.bars
+    bars = studied(bars, commissioned.calibrated.result.rig, with_filters=False)
+    return Judged(commissioned.calibrated.session, commissioned, bars, truth, maps)
 
 
 def simulated(rig, folder: Path) -> Judged:
@@ -96,7 +93,7 @@ def simulated(rig, folder: Path) -> Judged:
     )
     true = truth_of(rig)
     truth = {"scale_h": true.scale_h, "scale_v": true.scale_v, "angle_origin_deg": true.angle_origin_deg}
-    return judged(folder, truth, {name: frames.z for name, frames in taken.captures.items()})
+    return judged(commission(load_session(folder)), truth, {name: frames.z for name, frames in taken.captures.items()})
 
 
 @pytest.fixture(scope="session")
@@ -114,10 +111,10 @@ def thesis_7(tmp_path_factory) -> Judged:
 
 
 @pytest.fixture(scope="session")
-def oblique(request) -> Judged:
-    folder = request.config.rootpath / "tests" / "data" / "oblique"
+def oblique(oblique_commissioned) -> Judged:
+    folder = oblique_commissioned.calibrated.session.folder
     with np.load(folder / "truth.npz") as maps:
-        return judged(folder, json.loads((folder / "truth.json").read_text()), dict(maps))
+        return judged(oblique_commissioned, json.loads((folder / "truth.json").read_text()), dict(maps))
 
 
 @pytest.fixture

@@ -20,7 +20,8 @@ HEIGHTS_MM = (5.0, 10.0, 20.0, 30.0, 50.0)
 
 @pytest.fixture(scope="module")
 def block(thesis):
-    return verify_artefact(thesis.session.named("block"), thesis.found.result.rig)
+    (found,) = thesis.commissioned.verified.artefacts
+    return found
 
 
 def test_every_step_is_found_at_its_own_fringe(block) -> None:
