@@ -226,7 +226,7 @@ def campaign(number: int, seed: int, cache: Path) -> tuple[int, int, int]:
 def clean(number: int, seed: int, cache: Path) -> None:
     """Print the verdicts of right statements, with the reason of each that is no pass."""
     session, focal_px = drawn(number, seed, cache)
-    position = session.projector.position_mm.model_copy(update={"u": [100.0] * 3})
+    position = session.projector.position_mm.model_copy(update={"u": (100.0,) * 3})
     vague = replace(session, projector=replace(session.projector, position_mm=position))
     plain, lens = (judged(session, Case("none", 0.0, known), focal_px) for known in (False, True))
     far = judged(vague, Case("none", 0.0, False), focal_px)
