@@ -75,7 +75,8 @@ class Bench:
 
 def _quietly(bench: Bench, ready: Callable[[], None], work: Callable[..., None], arguments: tuple[object, ...]) -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    entry._listen(entry._at_start)
+    if work is run_command:
+        entry._listen(entry._at_start)  # from its first moment on, as the command does
     said = os.open(bench.said, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(said, 1)
     os.dup2(said, 2)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates
 
 from fringecal.numerics import robust_sd
 
@@ -16,6 +16,8 @@ RAYS = 24
 REACH, CORE, GROUND_FROM = 1.7, 0.4, 1.45
 #: Step along a ray, px and in radii: a quarter of a pixel tells a crossing by straight lines.
 STEP_PX, STEP_RADII = 0.25, 1 / 24
+#: Blur that is added, px: half-way between two pixels of a sharp edge lies beside it, in step with the raster.
+SMOOTH_PX = 0.7
 #: Rounds by absolute deviations, which any start survives, then by Tukey's biweight with its usual constant.
 ROUNDS, TUKEY = (12, 6), 4.685
 #: Scatter of an outline's points that is never undercut, px: a raster tells no more.
@@ -82,7 +84,8 @@ def _outlines(bright: FloatArray, points: FloatArray, radius_px: float, angles: 
     along = np.arange(0.0, REACH * radius_px + 1.0, step)
     u = points[:, 0, None, None] + np.cos(angles)[:, None] * along
     v = points[:, 1, None, None] + np.sin(angles)[:, None] * along
-    seen = map_coordinates(bright, [v, u], order=1, mode="nearest")
+    smooth = gaussian_filter(bright, SMOOTH_PX, mode="nearest")
+    seen = map_coordinates(smooth, [v, u], order=1, mode="nearest")
     core = np.median(seen[:, :, along <= max(CORE * radius_px, STEP_PX)], axis=(1, 2))
     ground = np.median(seen[:, :, along >= GROUND_FROM * radius_px], axis=(1, 2))
     below = seen < 0.5 * (core + ground)[:, None, None]

@@ -38,6 +38,8 @@ MAX_ELONGATION = 2.5
 RIM_PX = 2
 #: A dot farther from midway between its neighbours than this many times the usual distance carries dirt.
 OFF_SCATTERS = 15.0
+#: What the raster does to the places of dots that stand on it alike, and so does not show in their scatter, px.
+RASTER_PX = 0.006
 #: A centroid is taken over all pixels darker than this part of the dot's contrast.
 EDGE_PART = 0.15
 #: A neighbour is accepted within this part of the step from where it is expected.
@@ -311,7 +313,7 @@ def _detection(
 ) -> GridDetection:
     order = np.lexsort((site[:, 0], site[:, 1]))
     site, points = site[order], points[order]
-    sigma = np.hypot(_scatter_px(site, points), further_u_px[order])
+    sigma = np.hypot(max(_scatter_px(site, points), RASTER_PX), further_u_px[order])
     lines = [
         GridLine(family, k, points[pick, 0], points[pick, 1], sigma[pick], np.full(pick.sum(), int(LineStatus.OK)))
         for axis, family in ((1, FAMILIES[0]), (0, FAMILIES[1]))
