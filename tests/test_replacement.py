@@ -142,7 +142,15 @@ def test_a_boot_ago_every_process_has_ended():
     assert Owner.parsed("1a2b3c4d") is None
 
 
-def test_signals_wait_until_the_step_is_done():
+@pytest.fixture
+def heard():
+    """Ctrl-C is heard, also where whatever runs the tests ignores it, as a shell does for what runs beside it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_signals_wait_until_the_step_is_done(heard):
     steps = []
 
     def step():
