@@ -326,8 +326,20 @@ def move_the_lamp(folder: Path, run) -> None:
     assert run("simulate", "moved-rig.toml", "--out", "moved", *captures).code == 0
 
 
+def pictures_alone(folder: Path, run) -> None:
+    """The tutorial's pictures without their session.toml."""
+    (folder / "pictures").mkdir()
+    for name in ("grid", "plate", "strips"):
+        for picture in (folder / "session").glob(f"{name}*.png"):
+            shutil.copy(picture, folder / "pictures")
+
+
 # What has to happen before a command makes sense, by the command's first words.
-BEFORE = {"fringecal audit moved": move_the_lamp, "fringecal history add 'steps": repeat_the_step_block}
+BEFORE = {
+    "fringecal audit moved": move_the_lamp,
+    "fringecal history add 'steps": repeat_the_step_block,
+    "fringecal new": pictures_alone,
+}
 
 
 def written_names(page: str) -> set[str]:
