@@ -318,6 +318,22 @@ def _(target: BallBar, surface: Surface, tops: Tops = None) -> Probe:
     points, valid = valid_points(surface)
     diameters = tuple(map(float, target.diameters_mm.array(2)))
     groups = _balls(points, valid, diameters, tops)
+    return ball_bar_probe(target, groups, (_CAP_NOTE,))
+
+
+def ball_bar_probe(target: BallBar, groups: tuple[NDArray[np.intp], ...], notes: tuple[str, ...]) -> Probe:
+    """Return what is judged of a ball bar whose balls' points were found.
+
+    Parameters
+    ----------
+    target
+        The bar.
+    groups
+        Places of each ball's points among those that were measured.
+    notes
+        What is to be said of them.
+    """
+    diameters = tuple(map(float, target.diameters_mm.array(2)))
     references = {"spacing": target.spacing_mm.estimate("spacing", "mm")}
     for k, u in enumerate(target.diameters_mm.u_array(2)):
         references[f"ball {k + 1}: size"] = Estimate(diameters[k], float(u), "mm", "diameter")
@@ -330,7 +346,7 @@ def _(target: BallBar, surface: Surface, tops: Tops = None) -> Probe:
         return found
 
     forms = frozenset(f"ball {k}: {name}" for k in (1, 2) for name in _BALL_FORMS)
-    return Probe(groups, numbers, references, _from_spheres(diameters), forms, notes=(_CAP_NOTE,))
+    return Probe(groups, numbers, references, _from_spheres(diameters), forms, notes=notes)
 
 
 def _from_planes(groups: Sequence[Floats]) -> list[Floats]:

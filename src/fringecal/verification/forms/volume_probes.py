@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fringecal.errors import FitError
 from fringecal.targets import Artefact, BallBar, Flat, Sphere, Steps
 from fringecal.uncertainty import Estimate, Influence
-from fringecal.verification.forms.fitted_forms import fit_plane, fit_sphere, flatness
+from fringecal.verification.forms.fitted_forms import fit_plane, flatness
 from fringecal.verification.forms.probes import (
     _BALL_FORMS,
     _CAP_NOTE,
@@ -22,6 +22,7 @@ from fringecal.verification.forms.probes import (
     _from_planes,
     _from_spheres,
     _slope_u,
+    ball_bar_probe,
 )
 from fringecal.verification.forms.volume_search import PointPicture, find_balls, find_levels, find_plane
 from fringecal.verification.zigzag.zigzag_shape import Floats
@@ -127,21 +128,8 @@ def _(target: Sphere, seen: PointPicture) -> Probe:
 @volume_probe.register
 def _(target: BallBar, seen: PointPicture) -> Probe:
     diameters = tuple(map(float, target.diameters_mm.array(2)))
-    references = {"spacing": target.spacing_mm.estimate("spacing", "mm")}
-    for k, u in enumerate(target.diameters_mm.u_array(2)):
-        references[f"ball {k + 1}: size"] = Estimate(diameters[k], float(u), "mm", "diameter")
-
-    def numbers(groups: Sequence[Floats]) -> Numbers:
-        centres = [fit_sphere(g, radius_mm=d / 2).centre_mm for g, d in zip(groups, diameters, strict=True)]
-        found = {"spacing": float(np.linalg.norm(centres[1] - centres[0]))}
-        for k, group in enumerate(groups):
-            found |= {f"ball {k + 1}: {name}": value for name, value in _ball_numbers(group).items()}
-        return found
-
-    forms = frozenset(f"ball {k}: {name}" for k in (1, 2) for name in _BALL_FORMS)
     caps = find_balls(seen, diameters)
-    notes = (_CAP_NOTE, *_small(caps))
-    return Probe(caps, numbers, references, _from_spheres(diameters), forms, notes=notes)
+    return ball_bar_probe(target, caps, (_CAP_NOTE, *_small(caps)))
 
 
 @volume_probe.register
